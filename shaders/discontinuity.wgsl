@@ -15,10 +15,11 @@
 @group(0) @binding(7) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(8) var<storage, read> tiles: array<u32>;
 
-// Host twins: pass::discontinuity::{MIN_COSINE, PLANE_TOLERANCE, PAPER_TOLERANCE}.
+// Host twins: pass::discontinuity::{MIN_COSINE, PLANE_TOLERANCE, PAPER_TOLERANCE, LEAST_LACK}.
 const MIN_COSINE: f32 = 0.9;
 const PLANE_TOLERANCE: f32 = 0.05;
 const PAPER_TOLERANCE: f32 = 0.02;
+const LEAST_LACK: f32 = 1e-4;
 
 // A shading point with its irradiance.
 struct Cell {
@@ -101,12 +102,21 @@ fn finish(at: vec2<i32>, own: Cell, gain: Gain) {
 #if PAPER
     // Normalised by the shares found, the own one included.
     let weight = frame.lens.z / (1.0 + gain.shares);
+    let lack = 0.0;
 #else
     let weight = frame.lens.z * window.middle;
+#if WIDE
+    // A pixel agrees with itself.
+    let found = gain.shares;
+#else
+    let found = 1.0 + gain.shares;
+#endif
+    let missing = 1.0 - window.middle * found;
+    let lack = select(0.0, missing, own.extent > 0.0 && missing > LEAST_LACK);
 #endif
     if at.y < i32(frame.size.y) {
         let slot = slot_at(at);
-        filtered_indirect[slot] = vec4<f32>(own.indirect + weight * gain.indirect, 0.0);
+        filtered_indirect[slot] = vec4<f32>(own.indirect + weight * gain.indirect, lack);
 #if DIRECT
         filtered_direct[slot] = vec4<f32>(own.direct + weight * gain.direct, 0.0);
 #endif

@@ -22,6 +22,7 @@ use crate::pass::mirror_lights::{self, MirrorLights};
 use crate::pass::motion_blur::{self, MotionBlur};
 use crate::pass::outliers::{self, Outliers};
 use crate::pass::soft_shadow::SoftShadowAdd;
+use crate::pass::sparse_windows::SparseWindows;
 use crate::pass::summands::Summands;
 use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
@@ -82,6 +83,8 @@ pub struct Frame {
     pub near_light: Option<NearLight>,
     /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
+    /// Exchanges irradiance where the filter found few neighbours.
+    pub sparse_windows: Option<SparseWindows>,
     /// Keeps what the filter added to second components.
     pub path_gain: Option<PathGain>,
     /// Adds the light of paths along specular lobes.
@@ -188,11 +191,11 @@ impl Frame {
         let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade), soft_shadows.as_ref())?;
         // Kept light has no noise that a filter could take away.
-        let discontinuity = match settings.filter.filter(|_| kept_light.is_none()) {
-            None => None,
-            Some(filter) => Some(Discontinuity::new(
-                kit,
-                &discontinuity::Inputs {
+        let filter = settings.filter.filter(|_| kept_light.is_none());
+        let (discontinuity, sparse_windows) = match filter {
+            None => (None, None),
+            Some(filter) => {
+                let inputs = discontinuity::Inputs {
                     points: &eye.points,
                     paths: &eye.paths,
                     lighting: &shade.lighting,
@@ -201,8 +204,11 @@ impl Frame {
                     size: plan.view.size(),
                     pattern: settings.pattern,
                     filter,
-                },
-            )?),
+                };
+                let pass = Discontinuity::new(kit, &inputs)?;
+                let sparse = filter.has_sparse().then(|| SparseWindows::new(kit, &inputs, &pass));
+                (Some(pass), sparse.transpose()?)
+            }
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
         let path_gain_of = match settings.filter.is_some() && !plan.view.has_lens() && !plan.view.has_shutter() {
@@ -308,6 +314,7 @@ impl Frame {
             compensation,
             near_light,
             discontinuity,
+            sparse_windows,
             path_gain,
             glossy_light,
             discontinuity_lobes,
@@ -362,6 +369,7 @@ impl Frame {
     /// Records the part that makes an image of these points, and adds it to the film.
     fn record_rest(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         self.discontinuity.run(rec)?;
+        self.sparse_windows.run(rec)?;
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;

@@ -77,7 +77,8 @@
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
 //!    [`NearLight`](stage::NearLight), once: [`near_points`](pass::near_points) finds the pixels that show the hits, and
 //!    [`near_collect`](pass::near_collect) takes their irradiance.
-//! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface,
+//! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface, [`sparse_windows`](pass::sparse_windows)
+//!    exchanges it where there are few of them,
 //!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
 //!    [`discontinuity_lobes`](pass::discontinuity_lobes) averages the light of lobes over neighbours that reflect alike.
 //!    Light with [soft shadows](pass::soft_shadow::SoftShadowAdd) is added after them.

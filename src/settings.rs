@@ -131,11 +131,19 @@ pub struct Filter {
     pub direct: bool,
     /// Test for agreement between pixels. Default `Plane`.
     pub agreement: Agreement,
+    /// Exchange irradiance around pixels whose windows found few that agree ([`crate::pass::sparse_windows`]). Default true. No effect with
+    /// the paper's test.
+    #[serde(default = "yes")]
+    pub sparse: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl Default for Filter {
     fn default() -> Self {
-        Filter { window: None, direct: true, agreement: Agreement::default() }
+        Filter { window: None, direct: true, agreement: Agreement::default(), sparse: true }
     }
 }
 
@@ -150,6 +158,17 @@ impl Filter {
     /// still see, falls with their number.
     pub fn weight(pass: u32) -> f32 {
         Self::FULL_PASSES as f32 / (pass + 1).max(Self::FULL_PASSES) as f32
+    }
+
+    /// Weight of the exchange around sparse windows in pass number `pass` (from 0): 1 / (pass + 1). The mean of N passes has at most
+    /// (1 + ln N) / N of its bias.
+    pub fn sparse_weight(pass: u32) -> f32 {
+        1.0 / (pass + 1) as f32
+    }
+
+    /// Whether irradiance is exchanged around sparse windows.
+    pub fn has_sparse(&self) -> bool {
+        self.sparse && self.agreement == Agreement::Plane
     }
 
     /// Width and height of the window for images interleaved in this pattern.

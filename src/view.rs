@@ -15,11 +15,14 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::pass::light_regions::REGION;
+use crate::pass::sparse_windows;
 use crate::scene::Camera;
 use crate::settings::{Compensation, LightChoice, Settings};
 
 /// Pixels beyond two windows one after the other: guides read one pixel further, and the filter's bias is told by two on each side.
 const APRON: u32 = 3;
+/// Pixels that light crosses around sparse windows.
+const SPARSE_APRON: u32 = (sparse_windows::STEPS[0] + sparse_windows::STEPS[1]) as u32;
 /// Pixels on all sides for the tiles whose edges decide how many rays they get.
 const EDGE_APRON: u32 = 9;
 
@@ -43,7 +46,10 @@ impl Region {
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
         let chooses = settings.light_pool > 0;
         let span = |axis: usize| {
-            let of_filter = settings.filter.map_or(0, |filter| filter.window(settings.pattern)[axis] / 2 * 2 + APRON);
+            let of_filter = settings.filter.map_or(0, |filter| {
+                let sparse = if filter.has_sparse() { SPARSE_APRON } else { 0 };
+                filter.window(settings.pattern)[axis] / 2 * 2 + sparse + APRON
+            });
             let apron = of_filter + if settings.antialias { EDGE_APRON } else { 0 };
             let block = if chooses { REGION } else { 1 } * 8 * settings.pattern[axis];
             let first = self.origin[axis].saturating_sub(apron) / block * block;

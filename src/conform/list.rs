@@ -103,6 +103,7 @@ macro_rules! each_check {
             }
             discontinuity {
                 discontinuity_follows_its_oracle("discontinuity discontinuity_guides", Nothing, "indirect dispatch", "1e-4");
+                sparse_windows_follow_their_oracle("sparse_windows", Nothing, "indirect dispatch", "1e-4; 1 of 1000 pixels may differ");
                 lobes_follow_their_oracle("discontinuity_lobes", Nothing, "indirect dispatch", "1e-4; 1 of 1000 pixels may differ");
             }
             near {

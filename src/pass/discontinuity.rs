@@ -84,6 +84,9 @@ pub const PLANE_TOLERANCE: f32 = 0.05;
 /// smoothed.
 pub const PAPER_TOLERANCE: f32 = 0.02;
 
+/// Least lack of a window that is not taken for rounding.
+pub const LEAST_LACK: f32 = 1e-4;
+
 /// Maximum ratio of a second component's footprint, as its neighbours in its tile of 8 x 8 pixels tell it, over that by depth and
 /// inclination. Of the two neighbours along an axis the nearer one counts, since an edge may lie before the other.
 ///
@@ -94,7 +97,8 @@ pub const MAX_SPREAD: f32 = 16.0;
 pub struct Discontinuity {
     /// Inputs of the filter, as images because lavapipe loads texels faster than elements of buffers. Second components lie below the first.
     images: Vec<Image>,
-    /// The lighting; filtered quantities have buffers of their own, the others share those of the input.
+    /// The lighting; filtered quantities have buffers of their own, the others share those of the input. w of indirect irradiance: the lack
+    /// of the window, see [`lacks`].
     pub filtered: Lighting,
     guides: BoundKernel,
     average: BoundKernel,
@@ -170,6 +174,12 @@ impl Discontinuity {
         let tile_count = width.div_ceil(8) * height.div_ceil(8);
         let tiles = ideal_tiles.work.clone();
         Ok(Discontinuity { images, filtered, guides, average, windows, tiles, tile_count })
+    }
+
+    /// The images that the test of agreement reads.
+    pub fn guides(&self) -> Resources {
+        let names = ["guide_points", "guide_normals"];
+        names.iter().zip(&self.images).fold(Resources::new(), |all, (name, image)| all.with_image(name, image))
     }
 
     /// Records the pass.
@@ -341,6 +351,28 @@ pub fn reference(
         irradiance[i] + frame.lens[2] * weight * gain
     };
     (0..irradiance.len()).map(filtered).collect()
+}
+
+/// Oracle: the lack of the windows of all pixels of one component, the share of their weight that found no pixel that agrees; 0 by the paper's test.
+pub fn lacks(frame: &layout::FrameParameters, agreement: Agreement, window: &Window, guides: &[Guide]) -> Vec<f32> {
+    let [width, height, ..] = frame.size.map(|n| n as i32);
+    let [reach_x, reach_y] = window.reach;
+    let lack = |i: usize| {
+        let here = IVec2::new(i as i32 % width, i as i32 / width);
+        let offsets = (-reach_y..=reach_y).flat_map(|dy| (-reach_x..=reach_x).map(move |dx| IVec2::new(dx, dy)));
+        let agreeing = offsets.filter(|&offset| {
+            let there = here + offset;
+            let inside = (0..width).contains(&there.x) && (0..height).contains(&there.y);
+            let other = if inside { guides[(there.y * width + there.x) as usize] } else { Guide::default() };
+            agree(frame, agreement, &guides[i], &other, offset.as_vec2().length())
+        });
+        let missing = 1.0 - window.middle * agreeing.map(|offset| window.share(offset)).sum::<f32>();
+        if guides[i].extent > 0.0 && missing > LEAST_LACK { missing } else { 0.0 }
+    };
+    match agreement {
+        Agreement::Plane => (0..guides.len()).map(lack).collect(),
+        Agreement::DepthAndNormal => vec![0.0; guides.len()],
+    }
 }
 
 #[cfg(test)]

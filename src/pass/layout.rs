@@ -66,7 +66,8 @@ pub struct FrameParameters {
     /// Widths of the cones that textures are averaged over: of a pixel at unit depth, of particles and of gather rays at unit distance
     /// (see [`crate::plan::Cones`]); w: probability that a particle survives a reflection, 0: all do (see [`crate::ring`]).
     pub cones: [f32; 4],
-    /// Displacement of the image's centre from the view direction, to the right and up, in half widths and half heights; zeros.
+    /// Displacement of the image's centre from the view direction, to the right and up, in half widths and half heights; 1 if
+    /// the camera is orthographic, else 0; weight of [`super::sparse_windows`].
     pub shift: [f32; 4],
     /// Number of emitters whose shadows are convolved ([`super::soft_shadow`]); zeros.
     pub soft: [u32; 4],

@@ -59,6 +59,7 @@ pub mod schedule;
 pub mod shade;
 pub mod soft_shadow;
 pub mod sort;
+pub mod sparse_windows;
 pub mod splat_find;
 pub mod splat_follow;
 pub mod splat_grid;

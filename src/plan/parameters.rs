@@ -155,7 +155,12 @@ impl Plan {
                 cones.gather,
                 s.ring.map_or(0.0, |_| ring::survival(extent.reflectivity)),
             ],
-            shift: [lookout.shift[0], lookout.shift[1], if lookout.parallel { 1.0 } else { 0.0 }, 0.0],
+            shift: [
+                lookout.shift[0],
+                lookout.shift[1],
+                if lookout.parallel { 1.0 } else { 0.0 },
+                Filter::sparse_weight(refined),
+            ],
             soft: [self.soft_emitters.len() as u32, 0, 0, 0],
             soft_emitters: [0, 1]
                 .map(|half| [0, 1, 2, 3].map(|k| self.soft_emitters.get(4 * half + k).copied().unwrap_or(NO_EMITTER))),

@@ -44,6 +44,7 @@ use crate::pass::mirror_lights::MirrorLights;
 use crate::pass::motion_blur::MotionBlur;
 use crate::pass::outliers::Outliers;
 use crate::pass::soft_shadow::SoftShadowAdd;
+use crate::pass::sparse_windows::SparseWindows;
 use crate::pass::summands::Summands;
 use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
@@ -105,6 +106,7 @@ stages! {
     MirrorLights = "mirror_lights",
     GlossyLight = "glossy_light",
     Discontinuity = "discontinuity",
+    SparseWindows = "sparse_windows",
     DiscontinuityLobes = "discontinuity_lobes",
     PathGain = "path_gain",
     Gain = "gain",

@@ -12,7 +12,7 @@ use crate::rig::{Builder, Rig, close, gallery};
 use crate::scenes::{Soup, camera, render};
 use crate::support::gpu_test;
 
-use lightsum::conform::checks::discontinuity::{filtered, filters, guides, random};
+use lightsum::conform::checks::discontinuity::{filtered, filtered_with, filters, guides, random};
 
 /// The visible shading points of a scene in its first pass.
 fn seen<'a>(ctx: &'a Context, scene: &'a Scene, size: [u32; 2], pattern: [u32; 2]) -> Rig<'a> {
@@ -42,6 +42,35 @@ fn constants_and_the_sum_of_irradiance_stay() {
             if filter.agreement == Agreement::Plane {
                 assert!((ratio - 1.0).abs().max_element() < 1e-6, "{filter:?}: the sum becomes {ratio} of what it was");
             }
+        }
+    });
+}
+
+#[test]
+fn constants_and_sums_stay_around_sparse_windows() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        for (filter, pattern) in filters().into_iter().filter(|(filter, _)| filter.has_sparse()) {
+            let rig = seen(ctx, &scene, [61, 43], pattern);
+            let guides = guides(&rig, filter.agreement);
+            let constant = vec![Vec3::new(0.3, 7.0, 1e-3); guides.len()];
+            let noise: Vec<Vec3> =
+                random(guides.len()).into_iter().map(|e| e * if e.x > 0.9 { 40.0 } else { 1.0 }).collect();
+            let given = [&noise[..], &noise[..]];
+            let (before, after) = (filtered(ctx, &rig, filter, given), filtered_with(ctx, &rig, filter, given, true));
+            let even = filtered_with(ctx, &rig, filter, [&constant, &constant], true);
+            let live: Vec<usize> = (0..guides.len()).filter(|&i| guides[i].extent > 0.0).collect();
+            for kind in 0..2 {
+                assert!(live.iter().all(|&i| even[kind][i] == constant[i]), "{filter:?}: a constant changes");
+                let sum = |all: &[Vec3]| live.iter().map(|&i| all[i].as_dvec3()).sum::<glam::DVec3>();
+                let ratio = sum(&after[kind]) / sum(&before[kind]);
+                assert!((ratio - 1.0).abs().max_element() < 1e-6, "{filter:?}: the sum becomes {ratio} of what it was");
+            }
+            let roughness = |all: &[Vec3]| {
+                let mean = live.iter().map(|&i| all[i]).sum::<Vec3>() / live.len() as f32;
+                live.iter().map(|&i| (all[i] - mean).length_squared()).sum::<f32>()
+            };
+            assert!(roughness(&after[1]) < 0.9 * roughness(&before[1]), "{filter:?}: indirect light is no smoother");
         }
     });
 }

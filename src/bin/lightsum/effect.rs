@@ -6,7 +6,7 @@ use lightsum::output::Format;
 use lightsum::scene::{Scene, Surface};
 use lightsum::settings::keys::Key;
 use lightsum::settings::{
-    Compensation, Exposure, LightChoice, MirrorForm, RenderDefaults, Settings, Spread, Traversal,
+    Agreement, Compensation, Exposure, LightChoice, MirrorForm, RenderDefaults, Settings, Spread, Traversal,
 };
 
 use crate::args::Curve;
@@ -43,7 +43,7 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
     let is_spread = |spread: Spread| superposition.is_some_and(|superposition| superposition.spread == spread);
     let off = |flag: &str| format!("{flag} is off");
     let images = given.mirror_source == Some(MirrorForm::Images) || settings.mirror_images().is_some();
-    let rules: [(&[&str], bool, String); 15] = [
+    let rules: [(&[&str], bool, String); 16] = [
         (
             &["photons", "photon_radius", "interleave_photons", "max_specular", "mirror_lights"],
             !specular,
@@ -80,7 +80,12 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
             "--glossy is not splats".into(),
         ),
         (&["soft_shadow_lights"], settings.soft_shadows.is_none(), off("--soft-shadows")),
-        (&["filter_direct", "filter_agreement"], settings.filter.is_none(), off("--filter")),
+        (&["filter_direct", "filter_sparse", "filter_agreement"], settings.filter.is_none(), off("--filter")),
+        (
+            &["filter_sparse"],
+            settings.filter.is_some_and(|filter| filter.agreement == Agreement::DepthAndNormal),
+            "--filter-agreement is depth-and-normal".into(),
+        ),
         (&["power_fraction"], settings.light_choice == LightChoice::Power, "--light-choice is power".into()),
         (&["lookup"], scene.kept_light.is_none(), "it needs --light-from".into()),
         (&["ring_length", "ring_memory"], settings.ring.is_none(), off("--ring")),

@@ -490,7 +490,8 @@ mod tests {
         assert_eq!((flags.filter, chosen("--filter off", &scene).filter), (Some(Filter::default()), None));
         assert_eq!(chosen("--filter auto", &scene).filter, Some(Filter::default()));
         let filter = chosen("--filter 5x3 --no-filter-direct --filter-agreement paper", &scene).filter;
-        let expected = Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal };
+        let expected =
+            Filter { window: Some([5, 3]), direct: false, agreement: Agreement::DepthAndNormal, sparse: true };
         assert_eq!(filter, Some(expected));
         // A preset is below the scene's keys.
         let preset = chosen("--preset interactive --particles 4", &scene);

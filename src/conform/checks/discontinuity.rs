@@ -6,6 +6,7 @@ use crate::gpu::{Context, upload};
 use crate::pass::discontinuity::{self, Discontinuity, Guide, Inputs, PixelPoint, guide};
 use crate::pass::discontinuity_lobes::{self, DiscontinuityLobes, Gloss};
 use crate::pass::layout::Window;
+use crate::pass::sparse_windows::{self, SparseWindows};
 use crate::pass::{Lighting, ShadingPoints};
 use crate::scene::Scene;
 use crate::settings::{Agreement, Filter, Settings};
@@ -46,6 +47,17 @@ pub fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
 
 /// The filtered lighting for this direct and indirect irradiance of all slots.
 pub fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 2]) -> [Vec<Vec3>; 2] {
+    filtered_with(ctx, rig, filter, irradiance, false)
+}
+
+/// The same; `sparse`: with the exchange around sparse windows.
+pub fn filtered_with(
+    ctx: &Context,
+    rig: &Rig,
+    filter: Filter,
+    irradiance: [&[Vec3]; 2],
+    sparse: bool,
+) -> [Vec<Vec3>; 2] {
     let frame = rig.frame();
     let [direct, indirect] = irradiance.map(|all| {
         let wide: Vec<Vec4> = all.iter().map(|e| e.extend(0.0)).collect();
@@ -64,11 +76,15 @@ pub fn filtered(ctx: &Context, rig: &Rig, filter: Filter, irradiance: [&[Vec3]; 
         filter,
     };
     let pass = rig.make(|kit| Discontinuity::new(kit, &inputs));
+    let exchange = sparse.then(|| rig.make(|kit| SparseWindows::new(kit, &inputs, &pass)));
     rig.prefill(&[&pass.filtered.indirect]);
     if filter.direct {
         rig.prefill(&[&pass.filtered.direct]);
     }
-    rig.run(|_, rec| pass.record(rec));
+    rig.run(|_, rec| {
+        pass.record(rec)?;
+        exchange.as_ref().map_or(Ok(()), |exchange| exchange.record(rec))
+    });
     [&pass.filtered.direct, &pass.filtered.indirect].map(|b| rig.vec4s(b).iter().map(|e| e.truncate()).collect())
 }
 
@@ -85,7 +101,7 @@ pub fn random(count: usize) -> Vec<Vec3> {
 }
 
 pub fn filters() -> Vec<(Filter, [u32; 2])> {
-    let filter = |window, direct, agreement| Filter { window, direct, agreement };
+    let filter = |window, direct, agreement| Filter { window, direct, agreement, sparse: true };
     vec![
         (filter(None, true, Agreement::Plane), [1, 1]),
         (filter(None, false, Agreement::Plane), [2, 3]),
@@ -193,4 +209,58 @@ pub fn discontinuity_follows_its_oracle(bench: &Bench) {
         }
     }
     bench.covered(averaged[0] > 10_000 && averaged[1] > 100, format_args!("hardly anything is averaged: {averaged:?}"));
+}
+
+pub fn sparse_windows_follow_their_oracle(bench: &Bench) {
+    let scene = gallery();
+    // Slots of first and second components whose indirect irradiance changes, and whose direct irradiance does.
+    let mut changed = [[0; 2]; 2];
+    for size in bench.images_or(&[[1, 1], [27, 1], [64, 3], [2049, 1], [61, 43]]) {
+        let planes = filters().into_iter().filter(|(filter, _)| filter.has_sparse());
+        for (i, (filter, pattern)) in planes.enumerate() {
+            // It has faded in the later ones.
+            let rig = seen_in_pass(bench, &scene, size, pattern, i as u32);
+            let guides = guides(&rig, filter.agreement);
+            let pixels = (size[0] * size[1]) as usize;
+            // Some are much brighter than those around.
+            let uneven = |e: Vec3| e * if e.x > 0.9 { 40.0 } else { 1.0 };
+            let irradiance: [Vec<Vec3>; 2] =
+                [0, 1].map(|k| random(guides.len() + k)[k..].iter().copied().map(uneven).collect());
+            let given = [&irradiance[0][..], &irradiance[1][..]];
+            let before = filtered(bench, &rig, filter, given);
+            let after = filtered_with(bench, &rig, filter, given, true);
+            let window = Window::new(&filter, pattern);
+            let listed = rig.ideal_pixels();
+            let mut tally = Tally::new(format!("sparse windows, {size:?}, {filter:?}, pattern {pattern:?}"));
+            for component in 0..guides.len() / pixels {
+                let slots = component * pixels..(component + 1) * pixels;
+                let guides = &guides[slots.clone()];
+                let lacks = discontinuity::lacks(&rig.parameters, filter.agreement, &window, guides);
+                let [direct, indirect] = before.each_ref().map(|all| &all[slots.clone()]);
+                let expected = [
+                    sparse_windows::direct(&rig.parameters, guides, &lacks, direct),
+                    sparse_windows::indirect(&rig.parameters, guides, &lacks, indirect),
+                ];
+                for (pixel, slot) in slots.enumerate() {
+                    if component == 1 && listed.binary_search(&(pixel as u32)).is_err() {
+                        let all = [(0, filter.direct), (1, true)].into_iter().filter(|&(_, is_filtered)| is_filtered);
+                        let sentinel = f32::from_bits(crate::conform::SENTINEL);
+                        let kept = all.map(|(kind, _)| after[kind][slot]).all(|e| untouched(e.extend(sentinel)));
+                        tally.check(kept, || format!("slot {slot} is not listed"));
+                        continue;
+                    }
+                    for kind in 0..2 {
+                        let (old, found) = (before[kind][slot], after[kind][slot]);
+                        let e = if kind == 1 || filter.direct { expected[kind][pixel] } else { old };
+                        tally.check_values(close(found, e, 1e-4, 1e-4), &[(found, e)], || {
+                            format!("slot {slot}: {found} for {e}, {old} before")
+                        });
+                        changed[component][kind] += usize::from((e - old).length() > 1e-3);
+                    }
+                }
+            }
+            tally.finish(STRAYS);
+        }
+    }
+    bench.covered(changed[0].iter().all(|&n| n > 500) && changed[1][1] > 50, format_args!("{changed:?} slots change"));
 }

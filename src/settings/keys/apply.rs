@@ -134,6 +134,7 @@ impl Settings {
             cluster_order: Some(self.cluster_order),
             filter: Some(filter.map(|filter| filter.window.map_or(Window::Auto, Window::Size))),
             filter_direct: filter.map(|filter| filter.direct),
+            filter_sparse: filter.map(|filter| filter.sparse),
             filter_agreement: filter.map(|filter| filter.agreement),
             superposition: Some(superposition.map(|superposition| superposition.spread)),
             occlusion: superposition.map(|superposition| superposition.occlusion),
@@ -168,6 +169,7 @@ fn filter(before: Option<Filter>, keys: &RenderDefaults) -> Option<Filter> {
     };
     filter.map(|mut filter| {
         set(&mut filter.direct, keys.filter_direct);
+        set(&mut filter.sparse, keys.filter_sparse);
         set(&mut filter.agreement, keys.filter_agreement);
         filter
     })

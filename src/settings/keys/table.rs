@@ -204,6 +204,8 @@ keys! {
         .or_by("auto; off with --interleave 1x1");
     /// Apply --filter to direct light too; without it its shadows stay sharp, and noisy.
     filter_direct: bool = Key::switch("--filter-direct", LIGHT, "true");
+    /// Exchange light around pixels on which --filter finds few neighbours: mouldings, leaves, silhouettes; the less the more passes.
+    filter_sparse: bool = Key::switch("--filter-sparse", LIGHT, "true");
     /// Test of --filter for pixels of one surface.
     filter_agreement: Agreement = Key::one_of("--filter-agreement", LIGHT, &[
         ("plane", "The points lie in each other's tangent planes, with tolerance for curvature; conserves energy"),

@@ -11,7 +11,7 @@ use lightsum::settings::{
 use super::panel::{Panel, Request};
 
 /// The GPU passes whose time a setting changes, by its flag. Settings that are not here change no time, or that of all passes.
-const PASSES: [(&str, &[&str]); 25] = [
+const PASSES: [(&str, &[&str]); 26] = [
     ("particles", &["walk", "light_lists", "shade"]),
     ("light_pool", &["walk", "light_lists"]),
     ("direct_lights", &["light_lists", "shade"]),
@@ -25,8 +25,9 @@ const PASSES: [(&str, &[&str]); 25] = [
     ("clip_fraction", &["near_light", "compensation"]),
     ("light_threshold", &["shade"]),
     ("lights_per_dispatch", &["shade"]),
-    ("filter", &["discontinuity", "discontinuity_lobes", "outliers", "unlikely"]),
+    ("filter", &["discontinuity", "sparse_windows", "discontinuity_lobes", "outliers", "unlikely"]),
     ("no_filter_direct", &["discontinuity", "discontinuity_lobes"]),
+    ("no_filter_sparse", &["sparse_windows"]),
     ("compensation", &["near_light", "compensation"]),
     ("superposition", &["mirrors"]),
     ("glossy", &["splats"]),
@@ -168,6 +169,9 @@ fn choices(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
         let mut not = !filter.direct;
         row(ui, panel, "no_filter_direct", |ui| drop(ui.checkbox(&mut not, "")));
         filter.direct = !not;
+        let mut not = !filter.sparse;
+        row(ui, panel, "no_filter_sparse", |ui| drop(ui.checkbox(&mut not, "")));
+        filter.sparse = !not;
     }
     row(ui, panel, "compensation", |ui| {
         choice(ui, "compensation", &mut s.compensation, &[Compensation::Off, Compensation::Near, Compensation::Exact]);
