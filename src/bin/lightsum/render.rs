@@ -537,7 +537,7 @@ mod tests {
             }
             count += 1;
         }
-        assert_eq!(count, 8);
+        assert_eq!(count, 9);
         let compensation = |line: &str| chosen(line, &RenderDefaults::default()).compensation;
         assert_eq!(compensation("--no-compensation --compensation exact"), Compensation::Exact);
         assert_eq!(compensation("--compensation exact --no-compensation"), Compensation::Off);
