@@ -45,7 +45,8 @@ if $tests; then
   command -v Xvfb >/dev/null || packages+=(xvfb)
   command -v mpicc >/dev/null || packages+=(libopenmpi-dev)
   command -v mpirun >/dev/null || packages+=(openmpi-bin)
-  [ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null || packages+=(libclang-dev)
+  # libclang-cpp is another library.
+  [ -n "${LIBCLANG_PATH:-}" ] || compgen -G '/usr/lib/llvm-*/lib/libclang.so*' >/dev/null || packages+=(libclang-dev)
   # winit loads these when it opens a window.
   for library in libX11-xcb.so.1:libx11-xcb1 libXcursor.so.1:libxcursor1 libXi.so.6:libxi6 libxkbcommon-x11.so.0:libxkbcommon-x11-0; do
     has_library "${library%%:*}" || packages+=("${library##*:}")
