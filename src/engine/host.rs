@@ -25,7 +25,7 @@ impl Engine {
         self.set_camera(camera)
     }
 
-    /// Reads what the host's rasterizer shows, in place of eye rays: for a view [`View::GBuffer`], before a pass, and again only when the images have
+    /// Reads what the host's rasterizer shows, in place of eye rays: for a view [`View::GBuffer`](crate::view::View::GBuffer), before a pass, and again only when the images have
     /// changed. Then call [`Engine::restart`], and [`Engine::set_camera`] if the camera moved: the camera tells from where
     /// points are seen. The scene of the engine lights them and casts their shadows, so it is the one that the host shows.
     ///

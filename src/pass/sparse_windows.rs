@@ -19,7 +19,7 @@
 //! S_i = w max(g - 1.2 g_2, 0) / g E_i,     E'_i = E_i - S_i + sum over j alike and i itself of S_j / (n_j + 1)
 //! ```
 //!
-//! The weight w of the pass is [`Filter::sparse_weight`], 1 / (number of the pass), so the bias of the mean of N passes, light that leaks over creases and between surfaces that lie near each
+//! The weight w of the pass is [`Filter::sparse_weight`](crate::settings::Filter::sparse_weight), 1 / (number of the pass), so the bias of the mean of N passes, light that leaks over creases and between surfaces that lie near each
 //! other, vanishes as log(N) / N. The gain of the filter ([`gain`](super::gain)) includes it. Not with the paper's test of agreement, whose windows
 //! divide by what they found.
 //!
