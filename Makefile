@@ -1,6 +1,6 @@
 # make help               list these commands
 # make demo               render the Cornell box into out/; installs a Vulkan driver first if there is none
-# make test               all tests: on lavapipe with the validation layer, a part of them again on SwiftShader; some half an hour
+# make test               all tests: on lavapipe with the validation layer, a part of them again on SwiftShader; half an hour to an hour
 # make test-swiftshader   the tests on the device again, on another driver
 # make test-web           baked models in the glTF validator and, in a browser, with three.js; needs node, npm and chromium
 # make test-wgpu          lightsum on the device of wgpu (examples/wgpu, a crate of its own), which make test does too

@@ -101,7 +101,7 @@ fn ranked(sum: vec3<f32>, place: Place, at: vec2<i32>, offset: vec2<i32>) -> vec
     return vec3<f32>(max(sum.x, grey), max(sum.y, min(sum.x, grey)), sum.z + select(0.0, 1.0, other));
 }
 
-// What the direct irradiance of a pixel exceeds that of the pixels around by, in equal parts; their number.
+// The surplus of direct irradiance of a pixel over the pixels beside it: xyz the part of each pixel that shares it, w their number.
 fn surplus_of(place: Place, e: vec3<f32>, at: vec2<i32>) -> vec4<f32> {
     var sum = ranked(vec3<f32>(0.0), place, at, vec2<i32>(-1, -1));
     sum = ranked(sum, place, at, vec2<i32>(0, -1));

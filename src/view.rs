@@ -170,7 +170,7 @@ pub enum View {
     },
     /// Texels on surfaces.
     Atlas(Arc<Atlas>),
-    /// What a host has found that its camera sees ([`crate::Engine::record_g_buffer`]), at the centres of all pixels.
+    /// The surfaces that the host itself found at the centres of all pixels of its camera ([`crate::Engine::record_g_buffer`]).
     GBuffer {
         /// The host's camera, with the resolution of its images.
         camera: Camera,

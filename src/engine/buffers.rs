@@ -45,8 +45,8 @@ pub struct PassBuffers<'a> {
     /// barrier to compute shaders; it calls [`Engine::restart`] when they show other points. They are not checked: the triangle must
     /// exist, and u and v lie in it.
     pub texels: Option<&'a Buffer>,
-    /// What the next pass lights, if the view is a G-buffer of the host ([`crate::View::GBuffer`]): [`Engine::record_g_buffer`] writes it, or the
-    /// host itself, after [`Engine::record_setup`] and before a pass, with a barrier to compute shaders.
+    /// The surfaces that the next pass lights, if the view is a G-buffer of the host ([`crate::View::GBuffer`]). [`Engine::record_g_buffer`] writes them, or the
+    /// host itself does, after [`Engine::record_setup`] and before a pass, with a barrier to compute shaders.
     pub g_buffer: Option<&'a Records>,
     /// Light kept in textures; `None`: the scene has none.
     pub kept_light: Option<&'a KeptBuffers>,

@@ -80,7 +80,7 @@ impl Records {
 /// The pass.
 pub struct GBuffer {
     kernel: BoundKernel,
-    /// What the host writes.
+    /// The records of all pixels, which the host writes.
     pub records: Records,
     tiles: u32,
 }
@@ -140,7 +140,7 @@ pub struct Point {
     pub emission: Vec3,
 }
 
-/// What a record tells, for the oracle.
+/// The meaning of a record, for the oracle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Told {
     /// Nothing is seen.

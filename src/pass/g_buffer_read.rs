@@ -101,7 +101,7 @@ fn counts_from_0(format: vk::Format) -> bool {
 }
 
 impl<'a> GBufferImages<'a> {
-    /// What the images are for, each once.
+    /// Each image once, with its name and the formats that it may have.
     fn named(&self) -> Vec<(&'static str, GivenImage<'a>, &'static [vk::Format])> {
         let place = match self.place {
             Place::Positions(image) => ("positions", image, &NORMAL_FORMATS[..1]),

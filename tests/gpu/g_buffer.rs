@@ -244,7 +244,7 @@ fn light_is_that_at_the_points_of_the_engines_own_eye() {
     });
 }
 
-/// What a rasterizer would have drawn: the first hits of rays through the centres of pixels.
+/// The surfaces that a rasterizer would have drawn: the first hits of rays through the centres of pixels.
 fn rasterized(scene: &Scene, engine: &Engine, camera: &Camera) -> Vec<Option<(Vec3, Vec3, Vec3, Vec3)>> {
     let bvh = engine.bvh();
     let [width, height] = camera.resolution;
@@ -533,7 +533,7 @@ fn what_holds_no_g_buffer_is_refused() {
         refused(camera, Settings { splats: Some(Splats::default()), ..settings.clone() }, &["--glossy", "use paths"]);
         refused(Camera { resolution: [0, 5], ..camera }, settings, &["0x5"]);
         assert!(engine.set_region(None).unwrap_err().to_string().contains("as a whole"));
-        // What it sees nothing of stays black, and is covered by nothing.
+        // Pixels that see nothing stay black, with a coverage of 0.
         ctx.submit_and_wait("a pass", None, |rec| {
             engine.record_g_buffer(rec, &images)?;
             engine.record_pass(rec)

@@ -42,7 +42,7 @@ impl States {
         &mut self.all[at]
     }
 
-    /// What to go on from: the state that this run wrote before its device was lost, or with --resume that of an earlier run.
+    /// The state that rendering goes on from: the one that this run wrote before its device was lost, or with --resume that of an earlier run.
     pub fn earlier(&mut self, path: &Path) -> Result<Option<State>> {
         if let Some((_, state)) = self.of(path).latest()? {
             return Ok(Some(state));
