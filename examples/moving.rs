@@ -1,11 +1,11 @@
 //! A scene that moves: one block of the Cornell box turns, then the image accumulates at rest.
 //!
 //! ```text
-//! cargo run --release --example moving -- [FOLDER]
+//! cargo run --release --example moving -- [FOLDER [PASSES]]
 //! ```
 //!
 //! Edits go to the engine between two passes. A pass after an edit starts the image over; passes without one accumulate. With a
-//! folder, each frame is written to it as a PNG file.
+//! folder, each frame is written to it as a PNG file. PASSES: those of the last frame, at rest.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -17,11 +17,11 @@ use lightsum::{Camera, RenderOptions, Renderer, Settings, scene};
 /// Frames in which the block turns, and passes of each.
 const FRAMES: u32 = 6;
 const PASSES: u32 = 2;
-/// Passes of the last frame, at rest.
-const AT_REST: u32 = 16;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let folder = std::env::args_os().nth(1).map(PathBuf::from);
+    let mut arguments = std::env::args_os().skip(1);
+    let folder = arguments.next().map(PathBuf::from);
+    let at_rest = arguments.next().map_or(Ok(16), |n| n.to_string_lossy().parse::<u32>())?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let scene = scene::load(&root.join("scenes/cornell/scene.toml"))?;
     let camera = Camera { resolution: [240, 240], ..scene.camera.ok_or("the scene has no camera")? };
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             * Affine3A::from_quat(Quat::from_rotation_y(angle))
             * Affine3A::from_translation(-center);
         renderer.engine_mut().set_transform(block, turn)?;
-        for _ in 0..if frame == FRAMES { AT_REST } else { PASSES } {
+        for _ in 0..if frame == FRAMES { at_rest } else { PASSES } {
             renderer.pass()?;
         }
         println!("frame {frame}: {} passes, the last in {:.3} s", renderer.passes(), renderer.last_pass().seconds);

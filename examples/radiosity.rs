@@ -1,9 +1,12 @@
 //! Table 5.1 and figure 5.20 of Bastos 1999 in the making of this engine: see docs/radiosity.md.
 //!
 //! ```sh
-//! cargo run --release --example radiosity -- table
-//! cargo run --release --example radiosity -- figure radiosity.png
+//! cargo run --release --example radiosity -- table [ELEMENTS [FRAMES]]
+//! cargo run --release --example radiosity -- figure radiosity.png [HEIGHT]
 //! ```
+//!
+//! ELEMENTS: the most that the light is kept on, 100,000 in the documentation. FRAMES: those of which the middle time is
+//! told, 16 there. HEIGHT: that of the tree of the reference, 9 there.
 
 use std::error::Error;
 use std::sync::Arc;
@@ -29,8 +32,11 @@ fn main() -> Outcome<()> {
         Settings { particles: 64, clip: Clip::Distance(0.1), compensation: Compensation::Off, ..Settings::plain() };
     let (context, settings) = standalone::open(settings, &RenderOptions::default())?;
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["table"] => table(&context, &settings),
-        ["figure", path] => figure(&context, &settings, path),
+        ["table"] => table(&context, &settings, 100_000, 16),
+        ["table", elements] => table(&context, &settings, elements.parse()?, 16),
+        ["table", elements, frames] => table(&context, &settings, elements.parse()?, frames.parse::<u32>()?.max(1)),
+        ["figure", path] => figure(&context, &settings, path, 9),
+        ["figure", path, height] => figure(&context, &settings, path, height.parse::<u8>()?.clamp(3, 9)),
         _ => Err("expected: table, or figure FILE.png".into()),
     }
 }
@@ -101,10 +107,10 @@ fn bytes(scene: &Scene, kept: &KeptLight) -> [usize; 2] {
     [geometry, texels]
 }
 
-fn table(context: &Context, settings: &Settings) -> Outcome<()> {
+fn table(context: &Context, settings: &Settings, elements: usize, repeats: u32) -> Outcome<()> {
     let scene = hall();
     let radiosity = Radiosity::new(context, &scene, settings.clone())?;
-    let options = Options { epsilon: 0.1, height: 7, elements: 100_000, ..Options::default() };
+    let options = Options { epsilon: 0.1, height: 7, elements, ..Options::default() };
     let (solution, times) = radiosity.refine(&options, 8, &mut |_| true)?;
     for (i, round) in solution.rounds.iter().enumerate() {
         println!("round {i}: {} points, {} splits", round.points, round.splits);
@@ -197,7 +203,7 @@ fn table(context: &Context, settings: &Settings) -> Outcome<()> {
         let settings = Settings { lookup, ..settings.clone() };
         let mut renderer = Renderer::with_context(context.clone(), shown, camera, settings)?;
         let mut frames: Vec<f64> = Vec::new();
-        for _ in 0..16 {
+        for _ in 0..repeats {
             let start = Instant::now();
             renderer.pass()?;
             frames.push(1000.0 * start.elapsed().as_secs_f64());
@@ -208,15 +214,15 @@ fn table(context: &Context, settings: &Settings) -> Outcome<()> {
     Ok(())
 }
 
-/// Vertices along a side of the reference.
-const SIDE: usize = 513;
 /// Side of a picture.
 const SHOWN: usize = 128;
 
 /// A way to rebuild the light: its name and its value at a point of the wall.
 type Way = (String, Box<dyn Fn([f32; 2]) -> f32>);
 
-fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
+fn figure(context: &Context, settings: &Settings, path: &str, height: u8) -> Outcome<()> {
+    // Vertices along a side of the reference.
+    let side = (1usize << height) + 1;
     // A wall, its floor, and a lamp before the wall.
     let mut scene = Scene { name: String::from("wall"), ..Scene::default() };
     scene.objects.push(String::from("wall"));
@@ -227,13 +233,13 @@ fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
     quad(&mut scene, [low, low + 0.12 * Vec3::Y, low + Vec3::new(0.12, 0.12, 0.0), low + 0.12 * Vec3::X], lamp);
     let radiosity = Radiosity::new(context, &scene, Settings { direct_lights: Some(64), ..settings.clone() })?;
     let wall = &radiosity.surfaces()[0];
-    let at = |i: usize| wall.texel([i % SIDE, i / SIDE].map(|n| n as f32 / (SIDE - 1) as f32), 9);
-    let points: Vec<Texel> = (0..SIDE * SIDE).map(at).collect();
+    let at = |i: usize| wall.texel([i % side, i / side].map(|n| n as f32 / (side - 1) as f32), height);
+    let points: Vec<Texel> = (0..side * side).map(at).collect();
     let light = radiosity.light(&points, 4, &mut |_| true)?;
     let values = light.iter().map(|light| light.total().x).collect();
-    let reference = Grid { size: [SIDE; 2], values };
+    let reference = Grid { size: [side; 2], values };
     let sampled = |height: u8| {
-        let step = (SIDE - 1) >> height;
+        let step = (side - 1) >> height;
         let reference = reference.clone();
         move |[x, y]: [u32; 2]| reference.at([x as usize * step, y as usize * step])
     };
@@ -247,7 +253,7 @@ fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
         Box::new(move |at| look_up(&grid, at.map(|c| c * scale)))
     };
     let mut ways: Vec<Way> = vec![
-        (String::from("reference, height 9"), look(reference.clone(), bilinear)),
+        (format!("reference, height {height}"), look(reference.clone(), bilinear)),
         (String::from("5 x 5, bilinear"), look(coarse.clone(), bilinear)),
         (String::from("5 x 5, bicubic patches"), look(coarse, hermite)),
     ];
@@ -257,14 +263,14 @@ fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
     }
     ways.push((String::from("9 x 9, no pre-filter, Mitchell"), look(resampled, mitchell)));
 
-    let mean = reference.values.iter().sum::<f32>() / (SIDE * SIDE) as f32;
+    let mean = reference.values.iter().sum::<f32>() / (side * side) as f32;
     let greatest = reference.values.iter().fold(0.0f32, |a, b| a.max(*b));
     let mut picture = image::GrayImage::new(((SHOWN + 4) * ways.len()) as u32, SHOWN as u32);
     println!("way | RMS error / mean | greatest bend / mean");
     for (n, (name, value)) in ways.iter().enumerate() {
         let mut square = 0.0;
         for (i, expected) in reference.values.iter().enumerate() {
-            square += f64::from(value([i % SIDE, i / SIDE].map(|n| n as f32 / (SIDE - 1) as f32)) - expected).powi(2);
+            square += f64::from(value([i % side, i / side].map(|n| n as f32 / (side - 1) as f32)) - expected).powi(2);
         }
         // The bend at a line of texels: the change of the slope there, times the width of a cell of 9 x 9.
         let mut bend = 0.0f32;
@@ -276,7 +282,7 @@ fn figure(context: &Context, settings: &Settings, path: &str) -> Outcome<()> {
                 bend = bend.max((low - 2.0 * middle + high).abs() / D / 8.0);
             }
         }
-        println!("{name} | {:.4} | {:.3}", (square / (SIDE * SIDE) as f64).sqrt() / f64::from(mean), bend / mean);
+        println!("{name} | {:.4} | {:.3}", (square / (side * side) as f64).sqrt() / f64::from(mean), bend / mean);
         for y in 0..SHOWN {
             for x in 0..SHOWN {
                 let at = [x as f32 / (SHOWN - 1) as f32, 1.0 - y as f32 / (SHOWN - 1) as f32];

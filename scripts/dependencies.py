@@ -84,7 +84,7 @@ def main():
     linked = below(root, {None})
     built = below(root, {None, "build"})
     rows, refused = [], []
-    for number in sorted(built, key=lambda number: packages[number]["name"]):
+    for number in sorted(built, key=lambda number: (packages[number]["name"], packages[number]["version"])):
         package = packages[number]
         licence = package["license"] or "none stated"
         if not package["license"] or not is_free(licence):

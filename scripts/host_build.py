@@ -3,6 +3,7 @@
 
     scripts/host_build.py             counts, by `cargo tree` and `cargo metadata`
     scripts/host_build.py --build     seconds as well: each set of features is built for release in an empty folder
+    scripts/host_build.py --build none default     these sets alone
 
 The version of Rust is the highest `rust-version` of the crates: what they ask for by their manifests, not what a build was tested with.
 lightsum's own manifest asks for that of the default features.
@@ -61,10 +62,14 @@ def seconds(features):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", action="store_true", help="measure builds, which takes minutes")
+    names = [name.strip("`") for name, _ in SETS]
+    parser.add_argument("sets", nargs="*", metavar="SET", help="sets of features [default: all]: " + ", ".join(names))
     args = parser.parse_args()
+    if unknown := set(args.sets) - set(names):
+        parser.error(f"no such set: {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     print("| features | crates | Rust, and the crate that asks for it |" + (" seconds |" if args.build else ""))
     print("|---|---|---|" + ("---|" if args.build else ""))
-    for name, features in SETS:
+    for name, features in (SETS[names.index(name)] for name in args.sets or names):
         of_build = crates(features)
         (major, minor), of = rust(of_build)
         row = f"| {name} | {len(of_build)} | {major}.{minor}, {of} |"

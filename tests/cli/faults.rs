@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 
 use lightsum::output::State;
 
+use crate::examples;
 use crate::render::{command, contents, folder, text};
 
 const OUT_OF_HOST_MEMORY: i32 = -1;
@@ -18,31 +19,11 @@ const OUT_OF_DEVICE_MEMORY: i32 = -2;
 pub const DEVICE_LOST: i32 = -4;
 const TIMEOUT: i32 = 2;
 
-/// A file of the example `name`. `cargo test` builds examples, unless one binary of tests alone is asked for.
-fn example(name: &str, file: &str, source: &str) -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    let built = test.ancestors().nth(2).unwrap().join("examples").join(file);
-    // It lies in target/PROFILE/examples.
-    let target = built.ancestors().nth(2).unwrap();
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join(source);
-    let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).ok();
-    if changed(&built) < changed(&source) {
-        let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--quiet", "--example", name, "--manifest-path"]);
-        build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
-        if target.ends_with("release") {
-            build.arg("--release");
-        }
-        assert!(build.arg("--target-dir").arg(target.parent().unwrap()).status().unwrap().success());
-    }
-    built
-}
-
 /// A folder with the layer's manifest.
 fn layer() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
     let make = || {
-        let library = example("fault_layer", "libfault_layer.so", "tests/fault_layer/lib.rs");
+        let library = examples::built("fault_layer", "libfault_layer.so", "tests/fault_layer/lib.rs");
         let manifest = serde_json::json!({
             "file_format_version": "1.2.0",
             "layer": {
@@ -245,7 +226,7 @@ impl Work {
             return command(folder, self.arguments);
         }
         static EMBED: OnceLock<PathBuf> = OnceLock::new();
-        let embed = EMBED.get_or_init(|| example("embed", "embed", "examples/embed.rs"));
+        let embed = EMBED.get_or_init(|| examples::built("embed", "embed", "examples/embed.rs"));
         let mut command = Command::new(embed);
         command.args(self.arguments.split_whitespace()).current_dir(folder);
         command

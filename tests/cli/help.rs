@@ -8,6 +8,10 @@ use crate::render::{channels, command, fails, folder, succeeds, text};
 #[test]
 fn the_short_help_fits_a_screen() {
     let commands = ["render", "animate", "bake", if cfg!(feature = "viewer") { "view" } else { "render" }];
+    // The list of commands too, each in a line.
+    let output = Command::new(env!("CARGO_BIN_EXE_lightsum")).arg("-h").env("COLUMNS", "80").output().unwrap();
+    let help = text(&output.stdout);
+    assert!(help.lines().count() <= 24 && help.lines().all(|line| line.chars().count() <= 80), "{help}");
     for name in commands {
         let output =
             Command::new(env!("CARGO_BIN_EXE_lightsum")).args([name, "-h"]).env("COLUMNS", "80").output().unwrap();

@@ -7,6 +7,7 @@ mod cluster;
 mod conform;
 #[cfg(target_os = "linux")]
 mod drivers;
+mod examples;
 mod faults;
 mod files;
 mod flags;

@@ -7,6 +7,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
+use crate::examples::example;
 #[cfg(target_os = "linux")]
 use crate::faults::{DEVICE_LOST, run_command};
 use crate::render::{channels, command, succeeds, text};
@@ -249,49 +250,11 @@ fn without_a_display_it_says_what_to_do() {
     assert!(!said.contains(".rs:"), "no place in sources: {said}");
 }
 
-/// `cargo test` builds the examples, unless one binary of tests alone is asked for.
-fn example(name: &str) -> std::path::PathBuf {
-    let test = std::env::current_exe().unwrap();
-    // It lies in target/PROFILE/deps.
-    let profile = test.ancestors().nth(2).unwrap();
-    let program = profile.join("examples").join(name);
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples").join(name).with_extension("rs");
-    let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).ok();
-    if changed(&program) < changed(&source) {
-        let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--quiet", "--example", name, "--manifest-path"]);
-        build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
-        if profile.ends_with("release") {
-            build.arg("--release");
-        }
-        assert!(build.arg("--target-dir").arg(profile.parent().unwrap()).status().unwrap().success());
-    }
-    program
-}
-
-#[test]
-fn examples_on_a_device_of_their_own_write_pictures() {
-    let folder = folder();
-    for (name, arguments) in [
-        ("render", &["scene.toml", "a.exr", "1"][..]),
-        ("build_scene", &["built.png", "1"]),
-        ("kernels", &["kernels.png", "0.3"]),
-    ] {
-        let output = Command::new(example(name)).args(arguments).current_dir(folder.path()).output().unwrap();
-        assert!(output.status.success(), "{name}: {}", text(&output.stderr));
-        let picture =
-            arguments.iter().find(|argument| argument.ends_with(".exr") || argument.ends_with(".png")).unwrap();
-        assert!(fs::metadata(folder.path().join(picture)).unwrap().len() > 100, "{name}");
-    }
-}
-
 #[test]
 fn the_example_of_a_window_shows_frames_and_closes() {
     let (folder, display) = (folder(), Display::open());
     let run = |arguments: &[&str]| {
-        Command::new(example("window"))
-            .args(arguments)
-            .current_dir(folder.path())
+        example("window", folder.path(), arguments)
             .env("DISPLAY", &display.name)
             .env_remove("WAYLAND_DISPLAY")
             .output()

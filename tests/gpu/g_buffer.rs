@@ -16,9 +16,14 @@ use crate::embed::small;
 use crate::hosts::HostsImage;
 use crate::rig::{close, gallery, has, orthographic};
 use crate::scenes::compare;
-use crate::support::gpu_test;
+use crate::support::{assert_silent, gpu_test};
 use lightsum::conform::AWKWARD_IMAGES;
 use lightsum::sampling::random::random_f32;
+
+#[allow(dead_code, reason = "its main is the example's own")]
+#[allow(clippy::duplicate_mod, reason = "each example has the host that is itself an example")]
+#[path = "../../examples/g_buffer.rs"]
+mod example;
 
 /// Numbers for tests, in [0, 1).
 struct Numbers(u32);
@@ -464,6 +469,42 @@ fn images_of_a_rasterizer_are_lit_as_the_engine_lights_them() {
         assert!(error.unwrap().to_string().contains("but the view has 20x11"));
         let layers = engine.film().download(ctx, [20, 11]).unwrap().mean();
         assert!(layers.color.iter().all(|color| *color == Vec3::ZERO));
+    });
+}
+
+/// The example's rasterizer, and the light on what it draws, under the validation layer.
+#[test]
+fn the_example_lights_what_it_draws() {
+    gpu_test(|_| {
+        let host = example::Host::new(true).unwrap();
+        let witness = host.lend().unwrap();
+        let (scene, camera, _) = small();
+        let camera = Camera { resolution: [48, 40], ..camera };
+        let settings =
+            Settings { max_depth: 4, compensation: Compensation::Off, clip: Clip::Distance(60.0), ..Settings::plain() };
+        let given = example::run(&host, &scene, camera, settings.clone(), 16).unwrap();
+        let own = example::embed::run(&host, &scene, camera, settings, 16).unwrap();
+        // Of edges one shows a point a pixel, and the other a mean.
+        let pixels = |picture: &example::Picture| -> Vec<Vec3> {
+            picture.texels.iter().map(|&[r, g, b, _]| Vec3::new(r, g, b)).collect()
+        };
+        let (given, own) = (pixels(&given), pixels(&own));
+        let within = |i: &usize| {
+            let (x, y) = (i % 48, i / 48);
+            let around = |dx: usize, dy: usize| own[(x + dx - 1) + 48 * (y + dy - 1)];
+            x > 0
+                && y > 0
+                && x < 47
+                && y < 39
+                && (0..9).all(|k| around(k % 3, k / 3).distance(own[*i]) < 0.3 * own[*i].length())
+        };
+        let chosen: Vec<usize> = (0..own.len()).filter(within).collect();
+        assert!(chosen.len() > 500, "{}", chosen.len());
+        let cut = |image: &[Vec3]| -> Vec<Vec3> { chosen.iter().map(|&i| image[i]).collect() };
+        let (energy, rmse) = compare(&cut(&given), &cut(&own));
+        println!("{} pixels: energy {energy:.4}, relative RMSE {rmse:.4}", chosen.len());
+        assert!((energy - 1.0).abs() < 0.01 && rmse < 0.08, "energy {energy}, RMSE {rmse}");
+        assert_silent(witness.take_messages());
     });
 }
 

@@ -83,27 +83,31 @@ pub enum Command {
     ///
     /// A flag overrides --set, which overrides --settings, which overrides the scene file's [render], which overrides the preset.
     Render(Box<Render>),
-    /// Play the animation of a model, or a recorded path of camera and objects, and write the frames, their timings, or both.
+    /// Play the animation of a model, or a recorded path, into images.
     ///
-    /// The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
+    /// A path has keyframes of camera and objects. Frames, their timings, or both are written. The scene is loaded once; each frame updates only the objects that move. Frames without changes accumulate.
     Animate(Box<Animate>),
-    /// Keep the light of a scene in textures: a model (.glb) with light maps beside it.
+    /// Keep the light of a scene in textures: a model with light maps.
     ///
-    /// `render --light-from` shows it again, in a time that does not depend on the number of lights; so do engines that know light
+    /// The model is a .glb file, and the maps lie beside it. `render --light-from` shows it again, in a time that does not depend on the number of lights; so do engines that know light
     /// maps, and with --unlit any viewer.
     Bake(Box<Bake>),
-    /// Show a scene in a window: walk through it, move objects, change materials and settings.
+    /// Show a scene in a window: walk, move objects, change settings.
     ///
     /// H shows the keys.
     #[cfg(feature = "viewer")]
     View(Box<View>),
-    /// Add up films that `render` wrote with --shard, to an image or to a film.
+    /// Add up films of `render --shard` to an image or a film.
     ///
     /// In any order the image has the bits of one rendering of all passes. Films of a part of them merge too; what is missing is told.
     Merge(Merge),
-    /// Print what a scene holds: triangles, materials, lights with their power, textures, size, camera, memory, and what was left out.
+    /// Print what a scene holds, and what was left out of it.
+    ///
+    /// Triangles, materials, lights with their power, textures, size, camera, memory.
     Info(Info),
-    /// Compare two images: relative RMSE in linear radiance, ratio of energies, and FLIP.
+    /// Compare two images: relative RMSE, ratio of energies, FLIP.
+    ///
+    /// RMSE and energies are those of linear radiance.
     Compare(Compare),
     /// List the Vulkan devices with their indices.
     Devices(Devices),

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use lightsum::output::Format;
-use lightsum::scene::{Scene, Surface};
+use lightsum::scene::{Camera, Scene, Surface};
 use lightsum::settings::keys::Key;
 use lightsum::settings::{
     Agreement, Compensation, Exposure, LightChoice, MirrorForm, RenderDefaults, Settings, Spread, Traversal,
 };
 
-use crate::args::Curve;
+use crate::args::{self, Curve};
 
 /// Warns of each setting of the command line that has no effect on the rendering of a scene.
 pub fn warn(given: &RenderDefaults, settings: &Settings, scene: &Scene) {
@@ -23,6 +23,52 @@ pub fn warn_display(exposure: Option<Exposure>, curve: Curve, outputs: &[PathBuf
     for flag in without_display(exposure, curve, outputs) {
         log::warn!("{flag} has no effect: no output is a PNG file, and EXR files hold radiance as it is");
     }
+}
+
+/// Warns of flags of `render` that its outputs, its camera or what it renders do not take. `moves`: something moves while the shutter is open.
+pub fn warn_render(args: &args::Render, camera: &Camera, moves: bool) {
+    for (flag, reason) in idle_of_render(args, camera, moves) {
+        log::warn!("{flag} has no effect: {reason}");
+    }
+}
+
+/// Warns of those of some flags that are given for EXR files, where there is none.
+pub fn warn_layers(flags: &[(&'static str, bool)], outputs: &[PathBuf]) {
+    for (flag, reason) in without_layers(flags, outputs) {
+        log::warn!("{flag} has no effect: {reason}");
+    }
+}
+
+fn idle_of_render(args: &args::Render, camera: &Camera, moves: bool) -> Vec<(&'static str, &'static str)> {
+    let (output, reference) = (&args.output, &args.reference);
+    let summands = args.keys.typed().summands == Some(true) && output.display.is_none();
+    let layers = [
+        ("--float", output.float),
+        ("--no-layers", output.no_layers),
+        ("--surfaces", output.surfaces),
+        ("--summands", summands),
+    ];
+    let rest = [
+        ("--focus", args.camera.focus.is_some() && camera.aperture == 0.0, "--aperture is 0, and all is sharp"),
+        (
+            "--shutter",
+            args.camera.shutter.is_some_and(|s| s > 0.0) && !moves,
+            "nothing moves without --animation, --at or --path",
+        ),
+        ("--spp", reference.spp.is_some() && !reference.reference, "it needs --reference"),
+        ("--specular-paths", reference.specular_paths.is_some() && !reference.reference, "it needs --reference"),
+    ];
+    let rest = rest.into_iter().filter(|(_, idle, _)| *idle).map(|(flag, _, reason)| (flag, reason));
+    without_layers(&layers, &output.outputs).into_iter().chain(rest).collect()
+}
+
+/// Flags of EXR files where all outputs are PNG files.
+fn without_layers(flags: &[(&'static str, bool)], outputs: &[PathBuf]) -> Vec<(&'static str, &'static str)> {
+    let display = |path: &PathBuf| Format::of(path).is_ok_and(|format| format == Format::Png);
+    if outputs.is_empty() || !outputs.iter().all(display) {
+        return Vec::new();
+    }
+    flags.iter().filter(|(_, given)| *given).map(|(flag, _)| (*flag, "no output is an EXR file")).collect()
 }
 
 /// Flags of the display that outputs do not take. Films keep an exposure.
@@ -121,6 +167,7 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
     use lightsum::scene::{Material, builtin};
 
     fn told(line: &str, surface: Surface) -> Vec<(&'static str, String)> {
@@ -144,6 +191,31 @@ mod tests {
             assert_eq!(told(stops, Curve::Aces, names), none, "{names:?}");
         }
         assert_eq!(told(None, Curve::default(), &["a.exr"]), none);
+    }
+
+    #[test]
+    fn flags_that_outputs_and_camera_do_not_take_are_told() {
+        let still = builtin::furnace(0.5, 1.0).camera.unwrap();
+        let lens = Camera { aperture: 0.1, ..still };
+        for (line, camera, moves, expected) in [
+            ("-o a.png --float --no-layers --summands", still, false, &["--float", "--no-layers", "--summands"][..]),
+            ("-o a.png --surfaces", still, false, &["--surfaces"]),
+            ("-o a.png -o a.exr --float --surfaces --summands", still, false, &[]),
+            ("-o a.film --shard 1/2 --float", still, false, &[]),
+            ("-o a.png --focus 2", still, false, &["--focus"]),
+            ("-o a.png --focus 2 --aperture 0.1", lens, false, &[]),
+            ("-o a.png --shutter 1", still, false, &["--shutter"]),
+            ("-o a.png --shutter 1 --at 0", still, true, &[]),
+            ("-o a.png --shutter 0", still, false, &[]),
+            ("-o a.png --spp 3 --specular-paths all --passes 2", still, false, &["--spp", "--specular-paths"]),
+            ("-o a.png --spp 3 --reference", still, false, &[]),
+        ] {
+            let words = ["lightsum", "render", "a.toml"].into_iter().chain(line.split_whitespace());
+            let arguments = args::Arguments::try_parse_from(words).unwrap_or_else(|error| panic!("{line}: {error}"));
+            let Some(args::Command::Render(render)) = arguments.command else { panic!("{line}") };
+            let found: Vec<_> = idle_of_render(&render, &camera, moves).into_iter().map(|(flag, _)| flag).collect();
+            assert_eq!(found, expected, "{line}");
+        }
     }
 
     #[test]

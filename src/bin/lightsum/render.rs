@@ -96,6 +96,7 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
     settings.validate()?;
     effect::warn(&args.keys.typed(), &settings, &scene);
     effect::warn_display(args.output.exposure, args.output.tonemap, &args.output.outputs);
+    effect::warn_render(args, &camera, moment.moves());
     let denoise = args.output.denoise.is_some();
     if denoise {
         output::denoise::check()?;

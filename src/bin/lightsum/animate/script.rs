@@ -82,6 +82,8 @@ impl<'a> Script<'a> {
         };
         let script = Script { args, job, motion, play, still, pattern };
         effect::warn_display(shown.exposure, shown.tonemap, script.output(0).as_slice());
+        let layers = [("--float", args.float), ("--layers", args.layers), ("--surfaces", args.surfaces)];
+        effect::warn_layers(&layers, script.output(0).as_slice());
         script.check_part()?;
         let inputs: Vec<PathBuf> = scene.files.iter().chain(&args.path).cloned().collect();
         let outputs: Vec<PathBuf> =
