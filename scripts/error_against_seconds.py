@@ -7,7 +7,8 @@
     venv/bin/python scripts/error_against_seconds.py /tmp/room/scene.toml /tmp/0.exr /tmp/1.exr --max-depth 5 --json room.json
     venv/bin/python scripts/error_against_seconds.py --plot curves.png room.json
 
-Mitsuba takes its fast variant with an LLVM library (DRJIT_LIBLLVM_PATH). Seconds in the process: ours the stage "render", better of two
+Mitsuba takes its fast variant with an LLVM library (DRJIT_LIBLLVM_PATH), or with --card its variant for CUDA and the denoiser of OptiX,
+each number of samples rendered once before it is timed. Seconds in the process: ours the stage "render", better of two
 runs; the peer's rendering after one to compile its kernels, and the denoiser's own figure, its network loaded before. Whole processes
 (--process): from the start of the program to its end, with warm caches, the peer as its program `mitsuba` on a scene in its own format, and
 oidnDenoise after it. Errors are those of quality.py, each of one seed.
@@ -97,8 +98,47 @@ def denoised(image, folder):
     return np.frombuffer(pixels, "<f4").reshape(height, width, 3)[::-1].astype(np.float64), seconds, whole
 
 
+def peer_on_card(args, errors, folder):
+    """Rows of the path tracer on a graphics card, alone and denoised, both timed until the card is done."""
+    import drjit as dr
+    import mitsuba as mi
+
+    import mitsuba_reference
+
+    mi.set_variant("cuda_ad_rgb")
+    height, width, _ = errors.first.shape
+    scene = mitsuba_reference.scene_of(args.scene, args.max_depth, str(folder), (width, height))
+    path = {"type": "path", "max_depth": args.max_depth, "rr_depth": 1000}
+    integrator = mi.load_dict({"type": "aov", "aovs": GUIDES, "image": path})
+    denoiser = mi.OptixDenoiser((width, height), albedo=True, normals=True)
+    towards = scene.sensors()[0].world_transform().inverse()
+
+    def timed(work):
+        start = time.perf_counter()
+        result = work()
+        dr.eval(result)
+        dr.sync_thread()
+        return result, time.perf_counter() - start
+
+    def filtered(image):
+        return denoiser(image[..., :3], albedo=image[..., 3:6], normals=image[..., 6:9], to_sensor=towards)
+
+    rows = []
+    for samples in args.samples:
+        for seed in (4, 5):
+            image, seconds = timed(lambda: mi.render(scene, integrator=integrator, spp=samples, seed=seed))
+            result, filtering = timed(lambda: filtered(image))
+        rows.append(errors.row("path tracer", f"{samples} samples", seconds, np.array(image)[..., :3].astype(np.float64)))
+        denoised = np.array(result)[..., :3].astype(np.float64)
+        rows.append(errors.row("path tracer, denoised", f"{samples} samples", seconds + filtering, denoised))
+    return rows
+
+
 def peer(args, errors, folder):
     """Rows of the path tracer, alone and denoised."""
+    if args.card:
+        return peer_on_card(args, errors, folder)
+
     import mitsuba as mi
 
     import mitsuba_reference
@@ -206,7 +246,9 @@ def plot(files, out):
             points = [(row["seconds"], row["relative_rmse"]) for row in data["rows"] if row["who"] == who]
             if points:
                 axis.plot(*zip(*points), color=colour, marker=marker, markersize=4, linewidth=1, label=who)
-        axis.set(xscale="log", yscale="log", title=data["title"], xlabel="seconds", xlim=(0.2, 30), ylim=(0.01, 2))
+        least = min(row["seconds"] for row in data["rows"])
+        limits = {"xlim": (0.2, 30)} if least > 0.2 else {}
+        axis.set(xscale="log", yscale="log", title=data["title"], xlabel="seconds", ylim=(0.01, 2), **limits)
         axis.grid(True, which="both", linewidth=0.3)
     for line in axes:
         line[0].set_ylabel("relative RMSE")
@@ -224,6 +266,7 @@ def main():
     parser.add_argument("--unfiltered", type=numbers, default=[], help="passes of renderings without the filter")
     parser.add_argument("--samples", type=numbers, default=SAMPLES)
     parser.add_argument("--process", action="store_true", help="seconds of whole processes")
+    parser.add_argument("--card", action="store_true", help="the path tracer and its denoiser on a graphics card; not with --process")
     rectangle = lambda text: [float(word) for word in text.split(",")]
     parser.add_argument("--without", type=rectangle, action="append", default=[], metavar="X0,Y0,X1,Y1", help="a rectangle of the image that does not count, from 0,0 to 1,1")
     parser.add_argument("--title")
@@ -236,6 +279,8 @@ def main():
     if len(args.files) != 3:
         parser.error("a scene and two references, please")
     args.scene, first, second = args.files
+    if args.card and args.process:
+        parser.error("--card has no figures of whole processes")
     errors = Errors(first, second, args.without)
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)

@@ -181,6 +181,7 @@ def main():
     parser.add_argument("--max-depth", type=int, default=16)
     parser.add_argument("--seed", type=int, default=0, help="another one gives an independent image")
     parser.add_argument("--resolution", help="in place of the scene's, as 640x480")
+    parser.add_argument("--card", action="store_true", help="on a graphics card, by CUDA")
     parser.add_argument("--plain", metavar="FOLDER", help="write a copy of the scene for both renderers into a folder, and no image")
     arguments = parser.parse_args()
     if arguments.plain:
@@ -188,7 +189,8 @@ def main():
     if not arguments.out:
         parser.error("where does the image go?")
     size = [int(word) for word in arguments.resolution.split("x")] if arguments.resolution else None
-    mi.set_variant("llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb")
+    on_processor = "llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb"
+    mi.set_variant("cuda_ad_rgb" if arguments.card else on_processor)
     with tempfile.TemporaryDirectory() as folder:
         if arguments.scene.endswith(".xml"):
             scene = mi.load_file(arguments.scene, **(dict(zip(("width", "height"), map(str, size))) if size else {}))

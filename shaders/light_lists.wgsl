@@ -1,7 +1,8 @@
 // Chooses the lights that light a cluster of shading points. See pass/light_lists.rs. Three kernels, one after the other.
 // POOL: collects what the choice needs to know of each light of the pool.
 // CHOOSE: chooses. Without either: writes the list of each cluster.
-// CLASSES: lists of classes of pixels, chosen by power alone. REGIONS: clusters choose from the lights of their region.
+// CLASSES: lists of classes of pixels, chosen by power alone. REGIONS: clusters choose from the lights of their region. WIDE: a workgroup
+// takes a cluster, where they are too few to fill the device by an invocation each.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -11,6 +12,9 @@
 #if CLASSES
 #else
 #include "representatives.wgsl"
+#if WIDE
+#include "together.wgsl"
+#endif
 #if REGIONS
 #include "regions.wgsl"
 #endif
@@ -111,10 +115,33 @@ fn weighed_light(i: u32) -> vec4<f32> {
 #endif
 }
 
+// Writes a light into the places from `place` on, before `end`: it holds one place, the others emit nothing.
+fn write_light(list: u32, place: u32, end: u32, of_pool: u32, times: f32) {
+    let first = list * frame.lists.x;
+    chosen_lights[first + place] = vec2<u32>(of_pool, bitcast<u32>(times));
+    for (var k = place + 1u; k < end; k += 1u) {
+        chosen_lights[first + k] = vec2<u32>(NO_POINT, 0u);
+    }
+}
+
+#if WIDE
+// Contribution and bound of each light, then share and number.
+var<workgroup> asked: array<vec2<f32>, WEIGHED>;
+const STRIDE: u32 = 64u;
+#else
+const STRIDE: u32 = 1u;
+#endif
+
 // An invocation takes a cluster, or a class.
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+#if WIDE
+    let index = group.x + group.y * groups.x;
+    let own = lane;
+#else
     let index = (group.x + group.y * groups.x) * 64u + lane;
+    let own = 0u;
+#endif
     let chosen = frame.lists.x;
     let pool = frame.pattern.w - (frame.lists.y - chosen);
 #if CLASSES
@@ -127,20 +154,20 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let class_number = clusters[index].x;
-    let number = clusters[index].y;
+    let cluster = clusters[index].y;
     // Number of the cluster's corner in the whole image: a region of an image chooses as the whole does.
     let block_size = 8u * frame.pattern.xy;
     let blocks = (frame.size.xy + block_size - 1u) / block_size;
     let of_component = blocks.x * blocks.y * frame.pattern.z;
-    let block = number % of_component / frame.pattern.z;
+    let block = cluster % of_component / frame.pattern.z;
     let corner = block_size * vec2<u32>(block % blocks.x, block / blocks.x) + frame.within.xy;
-    let seed = corner.x + (corner.y + number / of_component * frame.within.w) * frame.within.z;
+    let seed = corner.x + (corner.y + cluster / of_component * frame.within.w) * frame.within.z;
     let turn = hash(key(frame.keys.x, STREAM_LISTS, seed, 1u));
     let these = representatives(index, turn, 0u);
     let those = representatives(index, turn, 4u);
 #endif
 #if REGIONS
-    let begin = REGION_LIGHTS * region_of_cluster(number);
+    let begin = REGION_LIGHTS * region_of_cluster(cluster);
     let end = begin + REGION_LIGHTS;
 #else
     let begin = class_number * pool;
@@ -151,18 +178,25 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var whole = vec2<f32>(0.0);
 #if CLASSES
 #else
+#if WIDE
+#else
     var weights: array<f32, WEIGHED>;
     var bounds: array<f32, WEIGHED>;
+#endif
     var low = vec3<f32>(3.0e38);
     var high = vec3<f32>(-3.0e38);
-    for (var k = 0u; k < 64u; k += 1u) {
+    for (var k = own; k < 64u; k += STRIDE) {
         let slot = list[64u * index + k];
         let point = point_position[select(slot, 0u, slot == NO_POINT)].xyz;
         low = min(low, select(point, vec3<f32>(3.0e38), slot == NO_POINT));
         high = max(high, select(point, vec3<f32>(-3.0e38), slot == NO_POINT));
     }
+#if WIDE
+    low = least_of_all(low, lane);
+    high = -least_of_all(-high, lane);
 #endif
-    for (var i = begin; i < end; i += 1u) {
+#endif
+    for (var i = begin + own; i < end; i += STRIDE) {
         let position = weighed_light(2u * i);
         var weight = 0.0;
         var bound = position.w;
@@ -171,11 +205,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let normal = weighed_light(2u * i + 1u);
         weight = position.w * contribution(position, normal, these, those);
         bound *= bound_at(from_box(position.xyz, low, high));
+#if WIDE
+        asked[i - begin] = vec2<f32>(weight, bound);
+#else
         weights[i - begin] = weight;
         bounds[i - begin] = bound;
 #endif
+#endif
         whole += vec2<f32>(weight, bound);
     }
+#if WIDE
+    whole = sum_of_all(vec4<f32>(whole, 0.0, 0.0), lane).xy;
+#endif
     // Shares by contribution and by bound; all by bound where no light contributes.
     let by_bound = select(BY_BOUND, 1.0, whole.x <= 0.0);
     let factors = vec2<f32>((1.0 - by_bound) / max(whole.x, 1e-37), by_bound / max(whole.y, 1e-37)) * f32(chosen);
@@ -183,7 +224,25 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var choice = Choice(chosen, f32(chosen));
     let numbers = numbers_of(class_number, 0u);
     var place = 0u;
+#if WIDE
+    for (var i = begin + lane; i < end; i += 64u) {
+        var of_pool = i - begin;
+#if REGIONS
+        of_pool = bitcast<u32>(region_lights[2u * i + 1u].w);
+#endif
+        asked[i - begin] = vec2<f32>(dot(asked[i - begin], factors), number_of(numbers, of_pool));
+    }
+    workgroupBarrier();
+    // One invocation asks the lights.
+    if lane > 0u {
+        return;
+    }
+#endif
     for (var i = begin; i < end; i += 1u) {
+#if WIDE
+        let share = asked[i - begin].x;
+        let number = asked[i - begin].y;
+#else
         let power = weighed_light(2u * i).w;
         var share = power * factors.y;
         var of_pool = i - begin;
@@ -194,18 +253,24 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if REGIONS
         of_pool = bitcast<u32>(region_lights[2u * i + 1u].w);
 #endif
-        let taken = take(&choice, share, number_of(numbers, of_pool));
+        let number = number_of(numbers, of_pool);
+#endif
+        let taken = take(&choice, share, number);
         if taken > 0u {
-            // A light that takes several points holds one place, the others emit nothing.
+#if WIDE
+            let power = weighed_light(2u * i).w;
+            var of_pool = i - begin;
+#if REGIONS
+            of_pool = bitcast<u32>(region_lights[2u * i + 1u].w);
+#endif
+#endif
             var times = f32(taken) / max(share, 1e-30);
 #if REGIONS
             // Chosen twice, it stands for more.
             times *= power / max(candidates[2u * (class_number * pool + of_pool)].w, 1e-37);
 #endif
-            chosen_lights[index * chosen + place] = vec2<u32>(of_pool, bitcast<u32>(times));
-            for (place += 1u; place < chosen - choice.points; place += 1u) {
-                chosen_lights[index * chosen + place] = vec2<u32>(NO_POINT, 0u);
-            }
+            write_light(index, place, chosen - choice.points, of_pool, times);
+            place = chosen - choice.points;
         }
     }
     for (; place < chosen; place += 1u) {

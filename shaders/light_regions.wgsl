@@ -1,10 +1,14 @@
 // Chooses the lights of a pool that the clusters of a region weigh. See pass/light_regions.rs.
+// WIDE: by a workgroup for each region, where the regions of an image are too few to fill the device.
 #include "frame.wgsl"
 #include "math.wgsl"
 #include "work.wgsl"
 #include "regions.wgsl"
 #include "representatives.wgsl"
 #include "choice.wgsl"
+#if WIDE
+#include "together.wgsl"
+#endif
 
 @group(0) @binding(1) var<storage, read> places: array<u32>;        // slot of each place of each cluster
 @group(0) @binding(2) var<storage, read> point_position: array<vec4<f32>>;
@@ -51,10 +55,38 @@ fn bound_of(position: vec4<f32>, at0: Representatives, at1: Representatives, at2
     return bound_at(NEARER * nearest);
 }
 
-// An invocation takes a region and class.
+// A light of a region that takes the points from `place` on, before `end`: it holds one place, the others have no power.
+fn write_light(region: u32, place: u32, end: u32, position: vec4<f32>, normal: vec3<f32>, power: f32, of_pool: u32) {
+    let first = REGION_LIGHTS * region;
+    region_lights[2u * (first + place)] = vec4<f32>(position.xyz, power);
+    region_lights[2u * (first + place) + 1u] = vec4<f32>(normal, bitcast<f32>(of_pool));
+    for (var k = place + 1u; k < end; k += 1u) {
+        region_lights[2u * (first + k)] = vec4<f32>(position.xyz, 0.0);
+        region_lights[2u * (first + k) + 1u] = vec4<f32>(normal, bitcast<f32>(of_pool));
+    }
+}
+
+#if WIDE
+// Share and number of 64 lights.
+var<workgroup> asked: array<vec2<f32>, 64>;
+#endif
+
+// An invocation takes a region and class, or a workgroup does.
+#if WIDE
+const STRIDE: u32 = 64u;
+@compute @workgroup_size(64)
+#else
+const STRIDE: u32 = 1u;
 @compute @workgroup_size(16)
+#endif
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+#if WIDE
+    let index = group.x + group.y * groups.x;
+    let own = lane;
+#else
     let index = (group.x + group.y * groups.x) * 16u + lane;
+    let own = 0u;
+#endif
     if REGION_LIGHTS * index >= arrayLength(&region_lights) / 2u {
         return;
     }
@@ -81,7 +113,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var sum2 = vec4<f32>(0.0);
     var sum3 = vec4<f32>(0.0);
     var bounds = 0.0;
-    for (var i = begin; i < end; i += 1u) {
+    for (var i = begin + own; i < end; i += STRIDE) {
         let position = candidates[2u * i];
         let normal = candidates[2u * i + 1u];
         sum0 += position.w * contributions(position, normal, at0);
@@ -90,6 +122,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         sum3 += position.w * contributions(position, normal, at3);
         bounds += position.w * bound_of(position, at0, at1, at2, at3);
     }
+#if WIDE
+    sum0 = sum_of_all(sum0, lane);
+    sum1 = sum_of_all(sum1, lane);
+    sum2 = sum_of_all(sum2, lane);
+    sum3 = sum_of_all(sum3, lane);
+    bounds = sum_of_all(vec4<f32>(bounds), lane).x;
+#endif
     // Each representative counts alike, however little light it has.
     var scale0 = select(inverse_of(sum0), vec4<f32>(0.0), slots0 == none);
     var scale1 = select(inverse_of(sum1), vec4<f32>(0.0), slots1 == none);
@@ -109,24 +148,49 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var choice = Choice(REGION_LIGHTS, f32(REGION_LIGHTS));
     let numbers = numbers_of(region.class_number, 4u);
     var place = 0u;
+#if WIDE
+    // All compute the shares of 64 lights, then one invocation asks these.
+    for (var block = begin; block < end; block += 64u) {
+        let i = block + lane;
+        let at = select(begin, i, i < end);
+#else
     for (var i = begin; i < end; i += 1u) {
-        let position = candidates[2u * i];
-        let normal = candidates[2u * i + 1u];
+        let at = i;
+#endif
+        let position = candidates[2u * at];
+        let normal = candidates[2u * at + 1u];
         let weight = dot(contributions(position, normal, at0), scale0) + dot(contributions(position, normal, at1), scale1)
             + dot(contributions(position, normal, at2), scale2) + dot(contributions(position, normal, at3), scale3);
         let share = position.w * (weight + of_bound * bound_of(position, at0, at1, at2, at3));
-        let taken = take(&choice, share, number_of(numbers, i - begin));
-        if taken > 0u {
-            let times = f32(taken) / max(share, 1e-30);
-            region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(position.xyz, position.w * times);
-            region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(normal.xyz, bitcast<f32>(i - begin));
-            // A light that takes several points holds one place, the others have no power.
-            for (place += 1u; place < REGION_LIGHTS - choice.points; place += 1u) {
-                region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(position.xyz, 0.0);
-                region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(normal.xyz, bitcast<f32>(i - begin));
+#if WIDE
+        asked[lane] = vec2<f32>(share, number_of(numbers, at - begin));
+        workgroupBarrier();
+        let count = select(0u, min(64u, end - block), lane == 0u);
+        for (var k = 0u; k < count; k += 1u) {
+            let taken = take(&choice, asked[k].x, asked[k].y);
+            if taken > 0u {
+                let of_pool = block + k - begin;
+                let light = candidates[2u * (block + k)];
+                let power = light.w * (f32(taken) / max(asked[k].x, 1e-30));
+                write_light(index, place, REGION_LIGHTS - choice.points, light, candidates[2u * (block + k) + 1u].xyz, power, of_pool);
+                place = REGION_LIGHTS - choice.points;
             }
         }
+        workgroupBarrier();
+#else
+        let taken = take(&choice, share, number_of(numbers, i - begin));
+        if taken > 0u {
+            let power = position.w * (f32(taken) / max(share, 1e-30));
+            write_light(index, place, REGION_LIGHTS - choice.points, position, normal.xyz, power, i - begin);
+            place = REGION_LIGHTS - choice.points;
+        }
+#endif
     }
+#if WIDE
+    if lane > 0u {
+        return;
+    }
+#endif
     for (; place < REGION_LIGHTS; place += 1u) {
         region_lights[2u * (REGION_LIGHTS * index + place)] = vec4<f32>(0.0);
         region_lights[2u * (REGION_LIGHTS * index + place) + 1u] = vec4<f32>(0.0);

@@ -28,7 +28,7 @@ use crate::pass::kept_light::KeptBuffers;
 use crate::pass::layout::PointLight;
 use crate::pass::mirror_image::Tables;
 use crate::pass::reproject::DepthImageBuffers;
-use crate::plan::RayClusters;
+use crate::plan::{CARD_LOOP_FACTOR, RayClusters};
 use crate::sampling::sobol;
 use crate::scene::reflectors::Reflector;
 use crate::scene::{Scene, Surface};
@@ -78,6 +78,8 @@ pub struct DeviceScene {
     pub textured: bool,
     /// Whether some surfaces let rays pass.
     pub has_alpha: bool,
+    /// See [`crate::plan::SceneSize::loop_factor`].
+    pub loop_factor: u32,
     /// Whether its objects may move.
     pub movable: bool,
     /// Lower corners of the nodes, and skip indices.
@@ -295,6 +297,10 @@ impl DeviceScene {
             albedos: scene.mean_albedos(),
             textured: has_patterns(scene),
             has_alpha,
+            loop_factor: match context.info().device_type {
+                ash::vk::PhysicalDeviceType::CPU => 1,
+                _ => CARD_LOOP_FACTOR,
+            },
             movable: false,
             finishes: finishes(scene, &reflectors),
             reflectors,

@@ -184,7 +184,7 @@ impl Frame {
                     lighting: &shade.lighting,
                     slots: plan.eye.slots(),
                 };
-                Some(MirrorLights::new(kit, settings, mirrors, &inputs)?)
+                Some(MirrorLights::new(kit, plan, mirrors, &inputs)?)
             }
         };
         let splats = Splats::new(kit, scene, plan, (&eye, &shade))?;

@@ -32,6 +32,10 @@ use crate::view::{MAX_PIXELS, View};
 /// loops after 65,535; on a real device the watchdog sets a similar, higher limit.
 pub const LOOP_BUDGET: u32 = 60_000;
 
+/// Loop iterations of a graphics card for one of [`LOOP_BUDGET`], for rays that are traced alone: it has no cap, and its watchdog takes
+/// far longer dispatches.
+pub const CARD_LOOP_FACTOR: u32 = 16;
+
 /// Maximum iterations of one traversal step: the node, up to four triangles, and the exit of their loop.
 const ITERATIONS_PER_STEP: u32 = 6;
 
@@ -187,10 +191,9 @@ impl StepTable {
             .collect()
     }
 
-    /// Adds the rounds that trace a list of rays.
-    pub fn add_list_rounds(&mut self, settings: &Settings) -> Vec<u32> {
-        let steps = trace_steps(settings.loop_budget);
-        self.add_rounds(settings.rounds, Step { indirect: 1, steps, ..Step::default() })
+    /// Adds the rounds that trace a list of rays one by one.
+    pub fn add_list_rounds(&mut self, plan: &Plan) -> Vec<u32> {
+        self.add_rounds(plan.trace_rounds(), Step { indirect: 1, steps: plan.trace_steps(), ..Step::default() })
     }
 
     /// Adds the step that schedules a newly filled list.
@@ -241,6 +244,10 @@ pub struct Plan {
 pub struct SceneSize {
     /// Nodes of the tree.
     pub nodes: u32,
+    /// Whether some surfaces let rays pass.
+    pub has_alpha: bool,
+    /// Loop iterations that the device takes for one of [`LOOP_BUDGET`], for rays traced alone.
+    pub loop_factor: u32,
     /// Emitters.
     pub emitters: u32,
     /// Diagonal of the bounding box.
@@ -324,6 +331,8 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
         view: view.clone(),
         scene: SceneSize {
             nodes: scene.bvh.node_count(),
+            has_alpha: scene.has_alpha,
+            loop_factor: scene.loop_factor,
             emitters: scene.emitters.list.len() as u32,
             diagonal: scene.bvh.diagonal(),
             emission: scene.emitters.emission(),
@@ -398,6 +407,20 @@ fn gathers_exactly(settings: &Settings, view: &View) -> bool {
 }
 
 impl Plan {
+    /// Steps of a ray that is traced alone, in one dispatch.
+    pub fn trace_steps(&self) -> u32 {
+        let budget = self.settings.loop_budget;
+        // Who asks for shorter dispatches gets them.
+        trace_steps(if budget == LOOP_BUDGET { budget * self.scene.loop_factor } else { budget })
+    }
+
+    /// Dispatches over which such a ray may spread: a ray meets each node once, so small trees need one.
+    pub fn trace_rounds(&self) -> u32 {
+        // A surface that lets rays pass may take a step for each of its triangles.
+        let needed = if self.scene.has_alpha { u32::MAX } else { self.scene.nodes.div_ceil(self.trace_steps()) };
+        self.settings.rounds.min(needed.max(1))
+    }
+
     /// Number of sets of shading points: the eye's, and one for each gather ray.
     pub fn bounces(&self) -> u32 {
         if gathers_exactly(&self.settings, &self.view) { self.settings.max_depth } else { 1 }
@@ -476,6 +499,7 @@ impl Plan {
             && same_view
             && self.soft_emitters.len() == other.soft_emitters.len()
             && self.scene.tables == other.scene.tables
+            && self.trace_rounds() == other.trace_rounds()
             && self.scene.extent.reflectivity == other.scene.extent.reflectivity
             && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors, self.splats)
                 == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors, other.splats)

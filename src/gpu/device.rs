@@ -158,6 +158,13 @@ impl DeviceInfo {
         }
     }
 
+    /// Whether some hundred or thousand invocations leave most of the device idle, so that a workgroup takes what an invocation takes
+    /// elsewhere. Drivers on the processor are narrow, unless they are to be used as graphics cards
+    /// ([`ContextOptions::no_texel_buffers`](super::ContextOptions::no_texel_buffers)).
+    pub fn is_wide(&self) -> bool {
+        !self.texel_buffers
+    }
+
     /// Memory that is free now, bytes: of a processor what the system can give without swapping, whatever the driver tells (lavapipe of Mesa 22.3 says
     /// 2 GiB, and gives more); of other devices all.
     pub(super) fn free_memory(&self) -> u64 {

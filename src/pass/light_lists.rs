@@ -154,6 +154,7 @@ impl LightLists {
             }
         };
         let sets: Vec<&Resources> = sets.iter().collect();
+        let wide = of_screen.is_some() && kit.context.info().is_wide();
         let (choose, copy, of_lists) = match of_screen {
             None => {
                 let of_lists = Lists::Classes(u64::from(classes));
@@ -161,9 +162,11 @@ impl LightLists {
             }
             Some(_) => {
                 let of_lists = Lists::Clusters(eye.list.work.clone());
-                let choose = match &regions {
-                    None => &shaders::LIGHT_LISTS_CHOOSE,
-                    Some(_) => &shaders::LIGHT_LISTS_CHOOSE_REGIONS,
+                let choose = match (&regions, wide) {
+                    (None, false) => &shaders::LIGHT_LISTS_CHOOSE,
+                    (None, true) => &shaders::LIGHT_LISTS_CHOOSE_WIDE,
+                    (Some(_), false) => &shaders::LIGHT_LISTS_CHOOSE_REGIONS,
+                    (Some(_), true) => &shaders::LIGHT_LISTS_CHOOSE_REGIONS_WIDE,
                 };
                 (choose, &shaders::LIGHT_LISTS, of_lists)
             }
@@ -173,7 +176,7 @@ impl LightLists {
             collect_groups: groups(pool),
             regions,
             choose: kit.bind(choose, &sets)?,
-            choose_groups: groups(lists),
+            choose_groups: if wide { u64::from(lists) } else { groups(lists) },
             copy: kit.bind(copy, &sets)?,
             lists: of_lists,
         };

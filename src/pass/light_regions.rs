@@ -48,7 +48,7 @@ pub struct LightRegions {
     /// Of each light of each region: position and power; normal, bits of its number in the pool.
     pub lights: Buffer,
     kernel: BoundKernel,
-    regions: u32,
+    groups: u32,
 }
 
 /// Regions of an image, times classes.
@@ -68,13 +68,17 @@ impl LightRegions {
         let regions = count(plan.view.size(), plan.settings.pattern) * plan.eye.components;
         let lights = kit.vec4s("lights of regions", 2 * CHOSEN * regions)?;
         let own = Resources::of([("region_lights", &lights), ("places", places), ("candidates", candidates)]);
-        let kernel = kit.bind(&shaders::LIGHT_REGIONS, &[&own, &eye.points.resources()])?;
-        Ok(LightRegions { lights, kernel, regions })
+        let (shader, groups) = match kit.context.info().is_wide() {
+            false => (&shaders::LIGHT_REGIONS, regions.div_ceil(GROUP)),
+            true => (&shaders::LIGHT_REGIONS_WIDE, regions),
+        };
+        let kernel = kit.bind(shader, &[&own, &eye.points.resources()])?;
+        Ok(LightRegions { lights, kernel, groups })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.kernel.run(rec, &[], u64::from(self.regions.div_ceil(GROUP)))
+        self.kernel.run(rec, &[], u64::from(self.groups))
     }
 }
 

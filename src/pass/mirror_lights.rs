@@ -51,9 +51,8 @@ use crate::bsdf::mean;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::path_trace::PathVertex;
-use crate::plan::{MirrorPlan, StepTable};
+use crate::plan::{MirrorPlan, Plan, StepTable};
 use crate::scene::Scene;
-use crate::settings::Settings;
 use crate::superposition::reflectance::of_mirror;
 
 /// The pass over one set of shading points.
@@ -98,14 +97,14 @@ pub struct Inputs<'a> {
 
 impl MirrorLights {
     /// Adds to `lighting` of the points on the list.
-    pub fn new(kit: &Kit, settings: &Settings, plan: &MirrorPlan, inputs: &Inputs) -> Result<MirrorLights> {
+    pub fn new(kit: &Kit, plan: &Plan, mirrors: &MirrorPlan, inputs: &Inputs) -> Result<MirrorLights> {
         let Inputs { lights, points, list, rays, lighting, slots } = *inputs;
         let mut table = StepTable::default();
-        let each = (0..plan.each).map(|first| table.add(Step { first, ..Step::default() })).collect();
-        let rounds = table.add_list_rounds(settings);
+        let each = (0..mirrors.each).map(|first| table.add(Step { first, ..Step::default() })).collect();
+        let rounds = table.add_list_rounds(plan);
         let list_step = table.add_list();
         let steps = table.stage(kit, "mirror steps")?;
-        let count = plan.each * plan.classes;
+        let count = mirrors.each * mirrors.classes;
         let mirrored = kit.array("mirrored lights", count, size_of::<PointLight>() as u64)?;
         let numbers = kit.array("mirrors of lights", count, 4)?;
         let own = Resources::of([
@@ -131,7 +130,7 @@ impl MirrorLights {
             rounds,
             list_step,
             work: list.work.clone(),
-            classes: plan.classes,
+            classes: mirrors.classes,
             mirrored,
             numbers,
         })

@@ -18,9 +18,8 @@ use crate::accel::alpha::chance;
 use crate::accel::{Bvh, Hit, Ray};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
-use crate::plan::{RayClusters, StepTable, cluster_steps, trace_steps};
+use crate::plan::{Plan, RayClusters, StepTable, cluster_steps};
 use crate::scene::Scene;
-use crate::settings::Settings;
 
 /// Steps of the eye rays.
 pub struct EyeSteps {
@@ -32,26 +31,26 @@ pub struct EyeSteps {
 
 impl EyeSteps {
     /// Adds the steps to the table. `clusters`: they take the rays first.
-    pub fn new(table: &mut StepTable, settings: &Settings, pixels: u32, clusters: Option<RayClusters>) -> EyeSteps {
-        let single = Step { end: pixels, steps: trace_steps(settings.loop_budget), ..Step::default() };
-        EyeSteps::of(table, settings, single, clusters)
+    pub fn new(table: &mut StepTable, plan: &Plan, pixels: u32, clusters: Option<RayClusters>) -> EyeSteps {
+        let single = Step { end: pixels, steps: plan.trace_steps(), ..Step::default() };
+        EyeSteps::of(table, plan, single, clusters)
     }
 
     /// For rays on a list.
-    pub fn of_list(table: &mut StepTable, settings: &Settings, clusters: Option<RayClusters>) -> EyeSteps {
-        let single = Step { indirect: 1, steps: trace_steps(settings.loop_budget), ..Step::default() };
-        EyeSteps::of(table, settings, single, clusters)
+    pub fn of_list(table: &mut StepTable, plan: &Plan, clusters: Option<RayClusters>) -> EyeSteps {
+        let single = Step { indirect: 1, steps: plan.trace_steps(), ..Step::default() };
+        EyeSteps::of(table, plan, single, clusters)
     }
 
-    fn of(table: &mut StepTable, settings: &Settings, single: Step, clusters: Option<RayClusters>) -> EyeSteps {
+    fn of(table: &mut StepTable, plan: &Plan, single: Step, clusters: Option<RayClusters>) -> EyeSteps {
         let Some(clusters) = clusters else {
-            return EyeSteps { clusters: None, rounds: table.add_rounds(settings.rounds, single) };
+            return EyeSteps { clusters: None, rounds: table.add_rounds(plan.trace_rounds(), single) };
         };
-        let steps = cluster_steps(1, settings.loop_budget, clusters);
+        let steps = cluster_steps(1, plan.settings.loop_budget, clusters);
         let clusters = Some(table.add(Step { steps, ..single }));
-        let last = |round: u32| u32::from(round == settings.rounds);
-        let rounds =
-            (1..=settings.rounds).map(|round| table.add(Step { round, last: last(round), ..single })).collect();
+        let end = plan.trace_rounds();
+        let last = |round: u32| u32::from(round == end);
+        let rounds = (1..=end).map(|round| table.add(Step { round, last: last(round), ..single })).collect();
         EyeSteps { clusters, rounds }
     }
 }

@@ -63,7 +63,7 @@ impl Compensation {
         let lighting = Lighting::new(kit.context, "gathered", slots)?;
         let beta = kit.vec4s("beta", slots)?;
         let mut table = StepTable::default();
-        let list_rounds = table.add_list_rounds(settings);
+        let list_rounds = table.add_list_rounds(plan);
         let started_step = table.add_list();
         let bounces: Vec<BounceSteps> =
             (1..plan.bounces()).map(|bounce| BounceSteps::new(&mut table, kit, scene, plan, eye, bounce)).collect();

@@ -48,9 +48,9 @@ impl Edges {
         // Clusters of rays share their origin.
         let shares_origin = !plan.view.is_orthographic();
         let ray_clusters = Chunk::clusters(&plan.settings, scene.clusters(kit.context)).filter(|_| shares_origin);
-        let edge_steps = EyeSteps::of_list(&mut table, &plan.settings, ray_clusters);
+        let edge_steps = EyeSteps::of_list(&mut table, plan, ray_clusters);
         let list_step = table.add_list();
-        let rounds = if plan.eye.plain_mirrors { table.add_list_rounds(&plan.settings) } else { Vec::new() };
+        let rounds = if plan.eye.plain_mirrors { table.add_list_rounds(plan) } else { Vec::new() };
         let steps = table.stage(kit, "edge steps")?;
         let list = List::new(kit, "edge rays", &kit.array("edge rays list", plan.eye.pixels, 4)?)?;
         let (points, paths, rays) = (&eye.points, &eye.paths, &eye.rays);

@@ -107,14 +107,14 @@ impl Eye {
         // Clusters of rays share their origin.
         let shares_origin = !plan.view.is_orthographic();
         let ray_clusters = Chunk::clusters(settings, scene.clusters(kit.context)).filter(|_| shares_origin);
-        let first_steps = EyeSteps::new(&mut table, settings, pixels, ray_clusters);
+        let first_steps = EyeSteps::new(&mut table, plan, pixels, ray_clusters);
         let follow_steps: Vec<u32> = (0..eye.steps)
             .map(|bounce| {
                 let split = if bounce == 0 { eye.split_offset() } else { 0 };
                 table.add(Step { split, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
             })
             .collect();
-        let list_rounds = table.add_list_rounds(settings);
+        let list_rounds = table.add_list_rounds(plan);
         let list_step = table.add_list();
         let finish_steps = ListFinishSteps::new(&mut table, settings.classes());
         let steps = table.stage(kit, "eye steps")?;

@@ -61,10 +61,10 @@ impl NearLight {
         if !plan.reuses_pixels() {
             return Ok(None);
         }
-        let (settings, slots) = (&plan.settings, plan.eye.slots());
+        let slots = plan.eye.slots();
         let mut table = StepTable::default();
         let gather_step = table.add(Step { bounce: 0, ..Step::default() });
-        let rounds = table.add_list_rounds(settings);
+        let rounds = table.add_list_rounds(plan);
         let list_step = table.add_list();
         // Single rays: the hits are few and far between. They have no near light of their own, so their lights are clipped
         // closer.

@@ -16,7 +16,7 @@ use crate::pass::schedule::{Schedule, groups_of};
 use crate::pass::sort::SortSteps;
 use crate::pass::trace::Trace;
 use crate::pass::{Kit, List, Rays};
-use crate::plan::{PhotonPlan, Plan, StepTable, trace_steps};
+use crate::plan::{PhotonPlan, Plan, StepTable};
 
 /// Shoots photons from the emitters at mirrors and glass and sorts them into a grid.
 pub struct Photons {
@@ -60,11 +60,11 @@ struct Follow {
 impl Photons {
     /// `None`: there are no photons, or no targets.
     pub fn new(kit: &Kit, plan: &Plan, walk: &Walk) -> Result<Option<Photons>> {
-        let (settings, Some(photons)) = (&plan.settings, &plan.photons) else { return Ok(None) };
+        let Some(photons) = &plan.photons else { return Ok(None) };
         let count = photons.total();
         let mut table = StepTable::default();
-        let steps = trace_steps(settings.loop_budget);
-        let first_rounds = table.add_rounds(settings.rounds, Step { end: count, steps, ..Step::default() });
+        let first = Step { end: count, steps: plan.trace_steps(), ..Step::default() };
+        let first_rounds = table.add_rounds(plan.trace_rounds(), first);
         let mirrored_lights = u32::from(plan.mirrors.is_some());
         let follow_steps: Vec<u32> = (0..=photons.steps)
             .map(|bounce| {
@@ -73,7 +73,7 @@ impl Photons {
             })
             .collect();
         let list_step = table.add_list();
-        let list_rounds = table.add_list_rounds(settings);
+        let list_rounds = table.add_list_rounds(plan);
         let sort_steps = SortSteps::new(&mut table, 1);
         let steps = table.stage(kit, "photon steps")?;
 

@@ -45,7 +45,7 @@ impl SoftShadows {
                 chunk: Chunk::new(&mut table, settings, (k, k + 1), clusters, false),
             })
             .collect();
-        let rounds = table.add_list_rounds(settings);
+        let rounds = table.add_list_rounds(plan);
         let list_step = table.add_list();
         let steps = table.stage(kit, "soft shadow steps")?;
         let pass = SoftShadow::new(kit, &eye.points, plan.view.size(), &steps)?;

@@ -16,7 +16,7 @@ use crate::pass::splat_start::{SplatStart, SplatState};
 use crate::pass::splat_width::SplatWidth;
 use crate::pass::trace::Trace;
 use crate::pass::{Kit, List, Rays};
-use crate::plan::{Plan, SplatPlan, StepTable, trace_steps};
+use crate::plan::{Plan, SplatPlan, StepTable};
 
 /// The stage. Recorded as a whole it adds light; [`Splats::record_particles`] comes before the first pass.
 pub struct Splats {
@@ -80,19 +80,19 @@ struct Follow {
 impl Splats {
     /// `None`: the plan has no splats.
     pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, (eye, shade): (&Eye, &Shade)) -> Result<Option<Splats>> {
-        let (settings, Some(splats), Some(surfaces)) = (&plan.settings, plan.splats, &scene.surfaces) else {
+        let (Some(splats), Some(surfaces)) = (plan.splats, &scene.surfaces) else {
             return Ok(None);
         };
         let (capacity, particles) = (splats.settings.particles, splats.batch);
         let mut table = StepTable::default();
-        let bounds = Step { end: particles, steps: trace_steps(settings.loop_budget), ..Step::default() };
-        let first_rounds = table.add_rounds(settings.rounds, bounds);
+        let bounds = Step { end: particles, steps: plan.trace_steps(), ..Step::default() };
+        let first_rounds = table.add_rounds(plan.trace_rounds(), bounds);
         let batches = splats.batches().map(|(first, end)| table.add(Step { first, end, ..Step::default() })).collect();
         let follow_steps: Vec<u32> = (0..=splats.bounces)
             .map(|bounce| table.add(Step { bounce, last: u32::from(bounce == splats.bounces), ..Step::default() }))
             .collect();
         let list_step = table.add_list();
-        let list_rounds = table.add_list_rounds(settings);
+        let list_rounds = table.add_list_rounds(plan);
         let sort_steps = SortSteps::new(&mut table, 1);
         let parameters = splats.parameters();
         let round_steps: Vec<u32> = (0..parameters.rounds)

@@ -11,7 +11,7 @@ use crate::pass::walk_follow::{self, WalkFollow};
 use crate::pass::walk_reflect::WalkReflect;
 use crate::pass::walk_start::WalkStart;
 use crate::pass::{Kit, List, Rays};
-use crate::plan::{Plan, StepTable, trace_steps};
+use crate::plan::{Plan, StepTable};
 
 /// The stage.
 pub struct Walk {
@@ -59,15 +59,15 @@ struct Follow {
 impl Walk {
     /// Particles start from `emitters`, whose records hold the probability of each. `kept`: lights of a ring to go on with.
     pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan, emitters: &Buffer, kept: Option<&Buffer>) -> Result<Walk> {
-        let (settings, classes) = (&plan.settings, plan.settings.classes());
+        let classes = plan.settings.classes();
         let particle_count = plan.particles * classes;
         let mut table = StepTable::default();
         let survivors = &plan.lights.survivors;
         let reflections: Vec<(Vec<u32>, Vec<u32>, u32)> = (1..survivors.len())
             .map(|j| {
                 // Ray j starts at every particle that has made j - 1 reflections and survives the next.
-                let (end, steps) = (survivors[j] * classes, trace_steps(settings.loop_budget));
-                let rays = table.add_rounds(settings.rounds, Step { end, steps, ..Step::default() });
+                let (end, steps) = (survivors[j] * classes, plan.trace_steps());
+                let rays = table.add_rounds(plan.trace_rounds(), Step { end, steps, ..Step::default() });
                 let follow = (0..plan.walk_steps(scene, j as u32))
                     .map(|i| {
                         let clears = u32::from((i, j) == (0, 1));
@@ -78,7 +78,7 @@ impl Walk {
             })
             .collect();
         let list_step = table.add_list();
-        let list_rounds = table.add_list_rounds(settings);
+        let list_rounds = table.add_list_rounds(plan);
         let steps = table.stage(kit, "walk steps")?;
         let slots = plan.lights.slots();
         let mut of_class = plan.delta_slots(scene).into_owned();

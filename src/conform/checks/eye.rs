@@ -146,7 +146,9 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
     for i in 0..pixels as usize {
         let expected = camera_rays::reference(&rig.parameters, i as u32);
         let ray = ray_of(origins[i], directions[i]);
-        assert_eq!((ray.origin, ray.t_max), (expected.origin, expected.t_max), "{what}, pixel {i}");
+        // Parallel rays start at sums of products, which a device may round once or twice.
+        assert!(close(ray.origin, expected.origin, 1e-6, 0.0), "{what}, pixel {i}: {ray:?} for {expected:?}");
+        assert_eq!(ray.t_max, expected.t_max, "{what}, pixel {i}");
         assert!(close(ray.direction, expected.direction, 0.0, 1e-6), "{what}, pixel {i}: {ray:?} for {expected:?}");
         let cos_view = expected.direction.dot(xyz(rig.parameters.forward));
         assert!(within(directions[i].w - cos_view, 1e-6), "{what}, pixel {i}: {} for {cos_view}", directions[i].w);
@@ -269,7 +271,7 @@ fn veiled(layers: u32) -> Scene {
 }
 
 /// Eye hits, and irradiance at the shading points, of a scene with the work cut into rounds.
-fn in_rounds(bench: &Bench, scene: &Scene, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
+fn in_rounds(bench: &Bench, scene: &Scene, traversal: Traversal, loop_budget: u32, rounds: u32) -> [Vec<[u32; 4]>; 3] {
     let settings = Settings {
         particles: 3,
         max_depth: 3,
@@ -277,8 +279,7 @@ fn in_rounds(bench: &Bench, scene: &Scene, loop_budget: u32, rounds: u32) -> [Ve
         clip: Clip::Fraction(0.0),
         loop_budget,
         rounds,
-        // A product of shares depends on their order, and clusters visit the tree in another one than single rays.
-        traversal: if scene.has_alpha() { Traversal::Single } else { Traversal::Auto },
+        traversal,
         ..Settings::plain()
     };
     let rig = bench.rig(scene, [27, 1], settings);
@@ -295,13 +296,28 @@ fn in_rounds(bench: &Bench, scene: &Scene, loop_budget: u32, rounds: u32) -> [Ve
 }
 
 pub fn rays_carried_on_over_many_rounds_end_alike(bench: &Bench) {
-    for scene in [builtin::deep_scene(60), veiled(60)] {
-        let at_once = in_rounds(bench, &scene, crate::plan::LOOP_BUDGET, 1);
+    let plain = builtin::deep_scene(60);
+    // A product of shares depends on their order, and clusters visit the tree in another one than single rays.
+    let cases = [(&plain, Traversal::Single), (&plain, Traversal::Auto), (&veiled(60), Traversal::Single)];
+    for (scene, traversal) in cases {
+        let at_once = in_rounds(bench, scene, traversal, crate::plan::LOOP_BUDGET, 1);
         // Two steps a round.
-        let in_many = in_rounds(bench, &scene, crate::plan::min_loop_budget(1), 100);
+        let in_many = in_rounds(bench, scene, traversal, crate::plan::min_loop_budget(1), 100);
         assert_eq!(crate::plan::trace_steps(18), 2);
         assert_eq!(crate::plan::shade_steps(1, 18), 2);
-        assert!(at_once == in_many, "hits or sums depend on the rounds");
+        let what = format!("one round and many, {traversal:?}");
+        if traversal == Traversal::Single {
+            assert!(at_once == in_many, "{what}: hits or sums depend on the rounds");
+        } else {
+            // Of the two kernels that share the rays each may round in its own way.
+            let mut tally = Tally::new(what);
+            for (one, many) in at_once.iter().flatten().zip(in_many.iter().flatten()) {
+                let [a, b] = [one, many].map(|word| Vec4::from_array(word.map(f32::from_bits)));
+                let same = close(a.truncate(), b.truncate(), 1e-5, 1e-7) && one[3] == many[3];
+                tally.check(same, || format!("{a} {b}"));
+            }
+            tally.finish(STRAYS);
+        }
         assert!(
             at_once[1].iter().any(|e| f32::from_bits(e[0]) > 0.0)
                 && at_once[2].iter().any(|e| f32::from_bits(e[0]) > 0.0)

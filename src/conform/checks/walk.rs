@@ -40,6 +40,12 @@ pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
     if dark(a) || dark(b) {
         return dark(a) && dark(b);
     }
+    let tolerance = RELATIVE * b.wi[3].abs();
+    // Of a light on an emitter it is a density instead, of any size.
+    let same_width = match a.flags() & PointLight::GLOSSY {
+        0 => (a.wi[3] - b.wi[3]).abs() <= tolerance,
+        _ => same_lobe(a.wi[3], b.wi[3], tolerance),
+    };
     a.flags() == b.flags()
         && v(|l| l.position, 1e-5, place)
         && v(|l| l.normal, 0.0, SINE)
@@ -49,7 +55,7 @@ pub fn same_light(a: &PointLight, b: &PointLight, place: f32) -> bool {
         && v(|l| l.f0, RELATIVE, 1e-6)
         && w(|l| l.normal)
         && w(|l| l.emit)
-        && same_lobe(a.wi[3], b.wi[3], RELATIVE * b.wi[3].abs())
+        && same_width
         && w(|l| l.flux)
         && w(|l| l.f0)
 }
