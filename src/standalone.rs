@@ -118,7 +118,7 @@ fn engine(context: &Context, scene: &Scene, view: View, settings: Settings) -> R
     match Engine::with_view(context, scene, view.clone(), settings.clone()) {
         Err(Error::TooMuchMemory { resource, limit, .. }) => {
             let needed = Engine::memory_of(context, scene, view, settings)?;
-            Err(Error::TooMuchMemory { resource, needed: needed.total(), limit, advice: needed.advice() })
+            Err(Error::TooMuchMemory { resource, needed: needed.of_device(), limit, advice: needed.advice() })
         }
         made => made,
     }

@@ -13,6 +13,8 @@ pub struct MemoryUse {
     pub device: u64,
     /// Of uploads, until they are done, and of what is read back.
     pub transfer: u64,
+    /// Whether transfers take memory of the device as well: on processors and integrated graphics cards.
+    pub unified: bool,
     /// Of each name, the largest first.
     pub by_name: Vec<(String, u64)>,
 }
@@ -21,6 +23,11 @@ impl MemoryUse {
     /// On the device and for transfers.
     pub fn total(&self) -> u64 {
         self.device + self.transfer
+    }
+
+    /// What counts against the memory of the device, and against [`super::ContextOptions::max_memory`].
+    pub fn of_device(&self) -> u64 {
+        if self.unified { self.total() } else { self.device }
     }
 
     /// The setting that lowers most of it.
@@ -84,7 +91,7 @@ impl Usage {
     pub fn use_of_all(&self) -> MemoryUse {
         let mut by_name: Vec<_> = self.by_name.iter().map(|(name, bytes)| (name.clone(), *bytes)).collect();
         by_name.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
-        MemoryUse { device: self.device, transfer: self.transfer, by_name }
+        MemoryUse { device: self.device, transfer: self.transfer, unified: self.unified, by_name }
     }
 }
 
@@ -101,6 +108,7 @@ mod tests {
             usage.take("b", 5, Memory::Readback).unwrap();
             let all = usage.use_of_all();
             assert_eq!((all.device, all.transfer, all.total()), (60, 35, 95));
+            assert_eq!(all.of_device(), if unified { 95 } else { 60 });
             assert_eq!(all.by_name, [(String::from("a"), 60), (String::from("b"), 35)]);
             // 5 more fit where transfers count, else 40.
             let room = if unified { 5 } else { 40 };

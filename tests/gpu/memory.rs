@@ -67,7 +67,7 @@ fn what_does_not_fit_is_refused_before_rendering() {
         let scene = gallery();
         let camera = Camera { resolution: [96, 64], ..scene.camera.unwrap() };
         let settings = Settings { particles: 8, photons: 100_000, ..Settings::default() };
-        let needed = Engine::memory_of(ctx, &scene, View::whole(camera), settings.clone()).unwrap().total();
+        let needed = Engine::memory_of(ctx, &scene, View::whole(camera), settings.clone()).unwrap().of_device();
         let within = |max_memory: u64| {
             let limited = Context::headless(&ContextOptions { max_memory: Some(max_memory), ..options() }).unwrap();
             Renderer::with_context(limited, scene.clone(), camera, settings.clone())
