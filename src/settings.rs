@@ -345,11 +345,12 @@ pub struct Settings {
     /// traversal steps for each light within one dispatch (their product is bounded).
     pub lights_per_dispatch: u32,
     /// Dispatches over which a ray may spread in a pass; each resumes where the one before stopped. Default 4; 1 to 1024.
-    /// Rounds that no ray needs cost a few microseconds each. A ray left over after the last is reported, never dropped
+    /// Rounds that no ray needs cost a few microseconds each; where no ray can need them, because the tree is small, they are left out. A ray left over after the last is reported, never dropped
     /// silently.
     pub rounds: u32,
     /// Maximum loop iterations of one subgroup in one dispatch. Default [`LOOP_BUDGET`]. Lower: shorter
-    /// dispatches, for a device whose watchdog ends long ones, but more rounds.
+    /// dispatches, for a device whose watchdog ends long ones, but more rounds. With the default a graphics card takes
+    /// [`CARD_LOOP_FACTOR`](crate::plan::CARD_LOOP_FACTOR) times as many for rays that are traced alone.
     pub loop_budget: u32,
     /// Traversal kernel for shadow rays and eye rays. Default `Auto`.
     pub traversal: Traversal,
