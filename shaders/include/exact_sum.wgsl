@@ -27,7 +27,8 @@ struct ExactSum {
 }
 
 fn sum_with(high: vec4<f32>, middle: vec4<f32>, v: vec4<f32>) -> ExactSum {
-    let upper = two_sum(high, v);
+    // A product that a compiler adds unrounded here, but not below, would leave a wrong error.
+    let upper = two_sum(high, opaque(v));
     let lower = two_sum(middle, upper.error);
     return ExactSum(upper.sum, lower.sum, lower.error);
 }

@@ -28,11 +28,11 @@ impl PointOrder {
         let settings = &plan.settings;
         // Clusters in space find fewer lights that all of their points see behind edges, but cannot have lights of their own.
         let gaps = plan.bounces() == 1 || plan.chooses_lights();
+        // Clusters of the screen choose their lights, whichever kernel traces the shadow rays.
+        let by_screen = gaps && settings.cluster_order == ClusterOrder::Screen && settings.max_depth > 1;
         match scene.wide_nodes {
+            _ if by_screen => PointOrder::Screen,
             None => PointOrder::Any,
-            Some(_) if gaps && settings.cluster_order == ClusterOrder::Screen && settings.max_depth > 1 => {
-                PointOrder::Screen
-            }
             Some(_) => PointOrder::Space,
         }
     }

@@ -5,7 +5,7 @@ use crate::gpu::Buffer;
 use crate::pass::layout::PointLight;
 use crate::pass::light_lists::{bound, chosen, contribution, from_box, power, probabilities, representatives, seed};
 use crate::pass::{light_lists, light_regions};
-use crate::settings::{Clip, Compensation, Settings, Traversal};
+use crate::settings::{Clip, ClusterOrder, Compensation, Settings, Traversal};
 use glam::Vec3;
 
 use super::light::check_shade;
@@ -173,9 +173,10 @@ pub fn clusters_choose_as_their_oracle(bench: &Bench) {
     let (mut held, mut regions) = (0, 0);
     let patterns = [[1, 1], [3, 3], [2, 3], [3, 3], [8, 8]];
     let images = bench.images().chain([[150, 40]]).zip(patterns.into_iter().chain([[1, 2]]));
-    // With the smaller pool clusters weigh all of it.
-    for ((resolution, pattern), light_pool) in images.flat_map(|image| [(image, 600), (image, 90)]) {
-        let settings = Settings { light_pool, ..settings(pattern, Traversal::Cluster) };
+    // With the smaller pool clusters weigh all of it. Clusters choose for rays that are traced alone as well.
+    let cases = [(600, Traversal::Cluster), (90, Traversal::Single)];
+    for ((resolution, pattern), (light_pool, traversal)) in images.flat_map(|image| cases.map(|case| (image, case))) {
+        let settings = Settings { light_pool, ..settings(pattern, traversal) };
         let rig = bench.rig(&scene, resolution, settings);
         assert!(rig.engine.plan().chooses_lights());
         rig.walk_and_look();
@@ -190,7 +191,8 @@ pub fn clusters_choose_as_their_oracle(bench: &Bench) {
 pub fn classes_choose_by_power_where_there_are_no_clusters(bench: &Bench) {
     let scene = gallery_with_tables();
     for (resolution, pattern) in [([1, 1], [1, 1]), ([31, 17], [2, 3])] {
-        let rig = bench.rig(&scene, resolution, settings(pattern, Traversal::Single));
+        let by_space = Settings { cluster_order: ClusterOrder::Space, ..settings(pattern, Traversal::Single) };
+        let rig = bench.rig(&scene, resolution, by_space);
         let (frame, p, plan) = (rig.frame(), &rig.parameters, rig.engine.plan());
         rig.walk_and_look();
         rig.run(|frame, rec| frame.light_lists.record(rec));
