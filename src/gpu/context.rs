@@ -221,7 +221,7 @@ impl Context {
         let cache = unsafe { PipelineCache::load(device.raw.clone(), &info, options.pipeline_cache.clone()) }?;
         let debug = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &device.raw));
         let own_work = device.owned || options.own_work;
-        let unified = matches!(info.device_type, vk::PhysicalDeviceType::CPU | vk::PhysicalDeviceType::INTEGRATED_GPU);
+        let unified = info.is_unified();
         let limit = options.max_memory.unwrap_or(if device.owned { info.free_memory() } else { u64::MAX });
         let inner = Inner {
             allocator: Mutex::new(allocator),
@@ -246,7 +246,7 @@ impl Context {
     /// The same device for finding out how much memory objects need: the buffers and images that are made from it are counted apart
     /// ([`Context::memory_use`]) and have no memory, kernels are not bound to them, and nothing is submitted.
     pub(crate) fn measuring(&self) -> Context {
-        let usage = Arc::new(Mutex::new(Usage::new(u64::MAX, false)));
+        let usage = Arc::new(Mutex::new(Usage::new(u64::MAX, self.info().is_unified())));
         Context { inner: self.inner.clone(), kernels: self.kernels.clone(), usage, measures: true }
     }
 

@@ -158,6 +158,11 @@ impl DeviceInfo {
         }
     }
 
+    /// Whether transfers take memory of the device.
+    pub(super) fn is_unified(&self) -> bool {
+        matches!(self.device_type, vk::PhysicalDeviceType::CPU | vk::PhysicalDeviceType::INTEGRATED_GPU)
+    }
+
     /// Whether some hundred or thousand invocations leave most of the device idle, so that a workgroup takes what an invocation takes
     /// elsewhere. Drivers on the processor are narrow, unless they are to be used as graphics cards
     /// ([`ContextOptions::no_texel_buffers`](super::ContextOptions::no_texel_buffers)).
