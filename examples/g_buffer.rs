@@ -73,7 +73,7 @@ const LAYOUTS: [vk::ImageLayout; 4] = [
     vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
 ];
 
-/// What the depth image is cleared with: infinitely far away, as depths are reversed.
+/// Depth of pixels that show nothing. Depths are reversed, so 0 is infinitely far away.
 const BACKGROUND: f32 = 0.0;
 
 fn main() -> Result<()> {

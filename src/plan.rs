@@ -410,7 +410,7 @@ impl Plan {
     /// Steps of a ray that is traced alone, in one dispatch.
     pub fn trace_steps(&self) -> u32 {
         let budget = self.settings.loop_budget;
-        // Who asks for shorter dispatches gets them.
+        // A budget that is set is kept: it bounds the time of a dispatch.
         trace_steps(if budget == LOOP_BUDGET { budget * self.scene.loop_factor } else { budget })
     }
 

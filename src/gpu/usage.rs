@@ -25,7 +25,8 @@ impl MemoryUse {
         self.device + self.transfer
     }
 
-    /// What counts against the memory of the device, and against [`super::ContextOptions::max_memory`].
+    /// Bytes that the device's memory must hold; [`super::ContextOptions::max_memory`] limits them. Without transfers on a graphics card
+    /// with memory of its own.
     pub fn of_device(&self) -> u64 {
         if self.unified { self.total() } else { self.device }
     }

@@ -28,8 +28,8 @@
 //! Points that gather rays hit form no clusters of the screen; where points form none, or the lists of all clusters exceed the largest buffer that kernels may bind, each
 //! class chooses by power alone.
 //!
-//! On a graphics card ([`crate::gpu::DeviceInfo::is_wide`]) a workgroup takes a cluster: its invocations weigh the lights, and one of them
-//! asks these.
+//! On a graphics card ([`crate::gpu::DeviceInfo::is_wide`]) a workgroup takes a cluster: its invocations weigh the lights side by side, and
+//! one of them chooses, light after light.
 //!
 //! Differs from the paper in that: it chooses for parts of the image instead of the whole, and without visibility.
 //! Cost: for each cluster 64 bytes and 20 + 50 R operations for each light that it weighs, R = [`REPRESENTATIVES`], 16 bytes for each of its points, and 24 bytes for

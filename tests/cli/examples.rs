@@ -34,7 +34,7 @@ pub fn example(name: &str, folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// What it prints.
+/// Runs an example and returns its standard output.
 fn runs(name: &str, folder: &Path, arguments: &[&str]) -> String {
     let output = example(name, folder, arguments).output().unwrap();
     assert!(output.status.success(), "{name}: {}", text(&output.stderr));
