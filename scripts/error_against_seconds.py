@@ -108,7 +108,7 @@ def peer_on_card(args, errors, folder):
     mi.set_variant("cuda_ad_rgb")
     height, width, _ = errors.first.shape
     scene = mitsuba_reference.scene_of(args.scene, args.max_depth, str(folder), (width, height))
-    path = {"type": "path", "max_depth": args.max_depth, "rr_depth": 1000}
+    path = {"type": "path", "max_depth": args.max_depth, "rr_depth": 5}
     integrator = mi.load_dict({"type": "aov", "aovs": GUIDES, "image": path})
     denoiser = mi.OptixDenoiser((width, height), albedo=True, normals=True)
     towards = scene.sensors()[0].world_transform().inverse()
@@ -146,7 +146,7 @@ def peer(args, errors, folder):
     mi.set_variant("llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb")
     height, width, _ = errors.first.shape
     scene = mitsuba_reference.scene_of(args.scene, args.max_depth, str(folder), (width, height))
-    path = {"type": "path", "max_depth": args.max_depth, "rr_depth": 1000}
+    path = {"type": "path", "max_depth": args.max_depth, "rr_depth": 5}
     integrator = {"type": "aov", "aovs": GUIDES, "image": path}
     if args.process:
         description = write_scene(mi, scene, args, integrator, folder, (width, height))
@@ -188,6 +188,8 @@ def write_scene(mi, scene, args, integrator, folder, size):
     meshes = {shape.id(): shape for shape in scene.shapes()}
     for name, shape in description.items():
         if isinstance(shape, dict) and shape.get("type") == "obj":
+            if shape["bsdf"].get("inner", {}).get("type") == "mirror_over_base":
+                raise SystemExit(f"{args.scene}: --process: the program mitsuba has no mirror as lightsum's")
             shape["filename"] = str(folder / f"{name}.ply")
             shape["type"] = "ply"
             meshes[name].write_ply(shape["filename"])

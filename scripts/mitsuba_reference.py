@@ -6,7 +6,7 @@
 
 Renders a scene of its own kind (.xml) as it stands; --resolution sets its parameters `width` and `height`, and --max-depth does not
 count. Else it reads a scene description with model and camera and nothing else. Of the model's materials (OBJ, MTL) it knows Kd and map_Kd (diffuse), Ke
-(emission from the front), Ks with illum 3 or 5 (diffuse and an ideal mirror), illum 6 and 7 with Ni (smooth glass), and Pm 1 with Pr
+(emission from the front), Ks with illum 3 or 5 (an ideal mirror by Schlick's term over a diffuse base, which is added to Mitsuba), illum 6 and 7 with Ni (smooth glass), and Pm 1 with Pr
 (metal: GGX of alpha Pr^2, Fresnel's term after Schlick over Kd, or over Ks where Kd is 0). Tints of glass, coats and half metals are
 refused, and opacity does not count; --plain FOLDER writes a copy of the scene without them, for both renderers. Segments of a path: 1 emitters alone, 2 direct
 light, 5 three further reflections. With an LLVM library (DRJIT_LIBLLVM_PATH) it is some ten times faster.
@@ -18,6 +18,7 @@ import shutil
 import tempfile
 import tomllib
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -83,14 +84,67 @@ def bsdf_of(name, material):
         diffuse["reflectance"] = {"type": "bitmap", "filename": material["map_Kd"]}
     if kind not in MIRRORS:
         return {"type": "twosided", "inner": diffuse}
-    ks = np.array(material.get("Ks", [1.0] * 3))
-    if max(kd) == 0.0:
-        return {"type": "twosided", "inner": {"type": "conductor", "material": "none", "specular_reflectance": rgb(list(ks))}}
-    # A blend of both of weight w has w times the mirror's and 1 - w times the diffuse reflectance, so these are divided by them.
-    weight = float(ks.max())
-    mirror = {"type": "conductor", "material": "none", "specular_reflectance": rgb(list(ks / weight))}
-    diffuse["reflectance"] = rgb(list(np.minimum(np.array(kd) / (1.0 - weight), 1.0)))
-    return {"type": "twosided", "inner": {"type": "blendbsdf", "weight": weight, "first": diffuse, "second": mirror}}
+    ks = material.get("Ks", [1.0] * 3)
+    return {"type": "twosided", "inner": {"type": "mirror_over_base", "base": diffuse["reflectance"], "f0": rgb(ks)}}
+
+
+def register_mirror_over_base():
+    """A material that Mitsuba lacks: an ideal mirror by Schlick's term over a diffuse base, as ours (src/bsdf.rs)."""
+
+    class MirrorOverBase(mi.BSDF):
+        def __init__(self, props):
+            mi.BSDF.__init__(self, props)
+            self.base, self.f0 = props["base"], mi.Color3f(props["f0"])
+            self.f90 = mi.Float(min(50.0 * float(max(props["f0"])), 1.0))
+            front = mi.BSDFFlags.FrontSide
+            self.m_components = [mi.BSDFFlags.DiffuseReflection | front, mi.BSDFFlags.DeltaReflection | front]
+            self.m_flags = self.m_components[0] | self.m_components[1]
+
+        def mirrored(self, cos):
+            return self.f0 + (self.f90 - self.f0) * (1.0 - cos) ** 5
+
+        def diffuse(self, si, active):
+            base = self.base.eval(si, active) if isinstance(self.base, mi.Texture) else mi.Color3f(self.base)
+            return base * (1.0 - self.f0 - (self.f90 - self.f0) / 21.0)
+
+        def share(self, si, active):
+            """The probability of the mirror."""
+            mirrored = mi.luminance(self.mirrored(mi.Frame3f.cos_theta(si.wi)))
+            return mirrored / (mirrored + mi.luminance(self.diffuse(si, active)))
+
+        def sample(self, ctx, si, sample1, sample2, active=True):
+            cos = mi.Frame3f.cos_theta(si.wi)
+            active &= cos > 0.0
+            share = self.share(si, active)
+            ideal = sample1 < share
+            bs = mi.BSDFSample3f()
+            bs.wo = dr.select(ideal, mi.reflect(si.wi), mi.warp.square_to_cosine_hemisphere(sample2))
+            bs.pdf = dr.select(ideal, share, (1.0 - share) * mi.warp.square_to_cosine_hemisphere_pdf(bs.wo))
+            bs.eta = 1.0
+            bs.sampled_component = dr.select(ideal, mi.UInt32(1), mi.UInt32(0))
+            bs.sampled_type = dr.select(ideal, mi.UInt32(+mi.BSDFFlags.DeltaReflection), mi.UInt32(+mi.BSDFFlags.DiffuseReflection))
+            value = dr.select(ideal, self.mirrored(cos) / share, self.diffuse(si, active) / (1.0 - share))
+            return bs, value & (active & (bs.pdf > 0.0))
+
+        def eval(self, ctx, si, wo, active=True):
+            cos = mi.Frame3f.cos_theta(wo)
+            active &= (mi.Frame3f.cos_theta(si.wi) > 0.0) & (cos > 0.0)
+            return (self.diffuse(si, active) * cos / dr.pi) & active
+
+        def pdf(self, ctx, si, wo, active=True):
+            active &= (mi.Frame3f.cos_theta(si.wi) > 0.0) & (mi.Frame3f.cos_theta(wo) > 0.0)
+            return dr.select(active, (1.0 - self.share(si, active)) * mi.warp.square_to_cosine_hemisphere_pdf(wo), 0.0)
+
+        def eval_pdf(self, ctx, si, wo, active=True):
+            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+        def eval_diffuse_reflectance(self, si, active=True):
+            return self.diffuse(si, active)
+
+        def to_string(self):
+            return "MirrorOverBase[]"
+
+    mi.register_bsdf("mirror_over_base", MirrorOverBase)
 
 
 def shapes_of(model, folder, face_normals):
@@ -164,7 +218,8 @@ def description_of(description, max_depth, folder, size=None):
     view = mi.ScalarTransform4f().look_at(camera["eye"], camera["target"], camera.get("up", [0.0, 1.0, 0.0]))
     film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     sensor = {"type": "perspective", "fov": camera["fov_y"], "fov_axis": "y", "to_world": view, "film": film}
-    integrator = {"type": "path", "max_depth": max_depth, "rr_depth": 1000}
+    integrator = {"type": "path", "max_depth": max_depth, "rr_depth": 5}
+    register_mirror_over_base()
     model = os.path.join(os.path.dirname(os.path.abspath(description)), text["model"])
     return {"type": "scene", "integrator": integrator, "sensor": sensor} | shapes_of(model, folder, text.get("face_normals", True))
 

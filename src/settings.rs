@@ -279,7 +279,7 @@ pub struct Settings {
     /// smoother caustics from each pass; the cost of a pass is linear in their number, and in those near a pixel. No cost in
     /// scenes without mirrors and glass.
     pub photons: u32,
-    /// Radius of the photon density estimate, in scene units. Default `None`: 0.4 of the size of what the view shows over
+    /// Radius of the photon density estimate, in scene units. Default `None`: 0.8 of the size of what the view shows over
     /// sqrt(photons), at most 1/15 of that size, shrinking with the fourth root of the passes, so that the blur vanishes in the limit.
     /// Up to three times that where few photons are stored ([`crate::pass::photon_radius`]), and less where they are dense
     /// ([`crate::pass::photon_width`]). A given radius is that of all photons, and is kept. Larger: less noise, more blur, and more

@@ -44,14 +44,16 @@ impl PhotonPlan {
         (budget.saturating_sub(10) / if tables { 13 } else { 11 }).max(1)
     }
 
-    /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: sqrt(N) radii
-    /// make 0.4 of the size, so that caustics a tenth of it wide have some 50 photons in a look-up.
+    /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: 0.8 of the size over sqrt(N), at most a
+    /// fifteenth of it. It is that of photons which spread over much of the room; where photons are dense, as in caustics, each has a smaller
+    /// one of its own ([`photon_width`](crate::pass::photon_width)). Half of it showed single photons on walls, behind a ball of glass before a lamp; half as much
+    /// again changes little.
     ///
     /// It shrinks with the fourth root of the passes of an instance: then noise and blur of their mean both vanish, the variance as
     /// one over the root of their number and the bias likewise (after Knaus and Zwicker 2011, whose root is the sixth, for less
     /// noise).
     fn radius(&self, settings: &Settings, size: f32, local: u32) -> f32 {
-        let first = 0.4 * size / (self.each as f32).sqrt().max(6.0);
+        let first = (0.8 / (self.each as f32).sqrt()).min(1.0 / 15.0) * size;
         settings.photon_radius.unwrap_or(first / ((local + 1) as f32).powf(0.25))
     }
 
@@ -141,8 +143,8 @@ mod tests {
         assert_eq!(PhotonPlan::new(&settings, 0), None);
         assert_eq!(PhotonPlan::new(&Settings { max_depth: 1, ..settings.clone() }, 1), None);
         // Without a radius from the user the size of the view and the number decide.
-        assert!((plan.radius(&settings, 10.0, 0) - 4.0 / 500f32.sqrt()).abs() < 1e-6);
-        assert!((plan.radius(&settings, 10.0, 15) - 2.0 / 500f32.sqrt()).abs() < 1e-6);
+        assert!((plan.radius(&settings, 10.0, 0) - 8.0 / 500f32.sqrt()).abs() < 1e-6);
+        assert!((plan.radius(&settings, 10.0, 15) - 4.0 / 500f32.sqrt()).abs() < 1e-6);
         assert_eq!(plan.radius(&Settings { photon_radius: Some(0.3), ..settings }, 10.0, 15), 0.3);
     }
 
