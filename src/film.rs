@@ -455,9 +455,10 @@ mod tests {
 
     #[test]
     fn equal_sums_have_one_form() {
-        // 1 + 2^-30 + 2^-50 in three forms.
-        let (a, b) = (2f32.powi(-30), 2f32.powi(-50));
-        let forms = [[1.0, a, b], [1.0 + 2f32.powi(-23), a - 2f32.powi(-23), b], [a, b, 1.0]];
+        // 1 + 2^-30 + 2^-50 in three forms. Powers by division, which is exact; `powi` need not be.
+        let power = |n: u32| 1.0 / (1u64 << n) as f32;
+        let (a, b) = (power(30), power(50));
+        let forms = [[1.0, a, b], [1.0 + power(23), a - power(23), b], [a, b, 1.0]];
         for form in forms {
             assert_eq!(film(&form).canonical().sums[0], film(&[1.0, a, b]).canonical().sums[0], "{form:?}");
         }
