@@ -7,6 +7,8 @@ mod wgsl;
 mod wgsl_emit;
 #[path = "src/gpu/wgsl_parameters.rs"]
 mod wgsl_parameters;
+#[path = "src/gpu/wgsl_spirv.rs"]
+mod wgsl_spirv;
 #[path = "src/gpu/wgsl_texels.rs"]
 mod wgsl_texels;
 

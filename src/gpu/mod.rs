@@ -31,6 +31,8 @@ mod wgsl_emit;
 #[cfg(any(feature = "hot-reload", test))]
 mod wgsl_parameters;
 #[cfg(any(feature = "hot-reload", test))]
+mod wgsl_spirv;
+#[cfg(any(feature = "hot-reload", test))]
 mod wgsl_texels;
 
 pub use context::{Context, ContextOptions, HostDevice};

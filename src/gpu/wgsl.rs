@@ -1,12 +1,12 @@
 //! WGSL files to SPIR-V: includes, conditionals, naga, reflection.
 //!
 //! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate but
-//! [`super::wgsl_parameters`] and [`super::wgsl_texels`].
+//! [`super::wgsl_parameters`], [`super::wgsl_spirv`] and [`super::wgsl_texels`].
 //!
 //! Directives stand alone on a line: `#include "file.wgsl"` (from `include/`, at most once per module), `#if FLAG`, `#else`,
 //! `#endif`. `permutations.txt` lists the flags of each module.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 
-use super::{wgsl_parameters, wgsl_texels};
+use super::{wgsl_parameters, wgsl_spirv, wgsl_texels};
 
 /// Text with resolved directives, and the origin of each line.
 #[derive(Clone)]
@@ -349,48 +349,9 @@ fn write(source: &Source, mut module: naga::Module, policy: BoundsCheckPolicy) -
         entry_point: module.entry_points[0].name.clone(),
     };
     let code = spv::write_vec(&module, &info, &options, Some(&pipeline));
-    code.map(without_zeros).map_err(|e| format!("{}: {e}", source.file))
-}
-
-/// Longest array of a function whose elements start as zeros.
-const ZEROED: u32 = 64;
-
-/// Takes the initial zeros away from the variables of functions that are arrays of more than [`ZEROED`] elements. A driver that
-/// writes them one by one compiles that for seconds (lavapipe). So a kernel reads no element of such an array before it has written it.
-fn without_zeros(code: Vec<u32>) -> Vec<u32> {
-    const HEADER_WORDS: usize = 5;
-    // Numbers of the SPIR-V specification: OpTypeArray, OpTypePointer, OpConstant, OpVariable; storage class Function.
-    const ARRAY: u32 = 28;
-    const POINTER: u32 = 32;
-    const CONSTANT: u32 = 43;
-    const VARIABLE: u32 = 59;
-    const FUNCTION: u32 = 7;
-    let (mut constants, mut arrays, mut pointers) = (HashMap::new(), HashSet::new(), HashSet::new());
-    let mut kept = code[..HEADER_WORDS].to_vec();
-    let mut rest = &code[HEADER_WORDS..];
-    while let Some(&first) = rest.first() {
-        let (words, operation) = ((first >> 16) as usize, first & 0xffff);
-        let (instruction, after) = rest.split_at(words.clamp(1, rest.len()));
-        rest = after;
-        match *instruction {
-            [_, _, id, value] if operation == CONSTANT => {
-                constants.insert(id, value);
-            }
-            [_, id, _, length] if operation == ARRAY && constants.get(&length).is_some_and(|n| *n > ZEROED) => {
-                arrays.insert(id);
-            }
-            [_, id, FUNCTION, of] if operation == POINTER && arrays.contains(&of) => {
-                pointers.insert(id);
-            }
-            [_, pointer, id, FUNCTION, _] if operation == VARIABLE && pointers.contains(&pointer) => {
-                kept.extend([4 << 16 | VARIABLE, pointer, id, FUNCTION]);
-                continue;
-            }
-            _ => {}
-        }
-        kept.extend(instruction);
-    }
-    kept
+    let code = code.map_err(|e| format!("{}: {e}", source.file))?;
+    wgsl_spirv::without_strides_in_workgroups(&wgsl_spirv::without_zeros(&code))
+        .map_err(|e| format!("{}: {e}", source.file))
 }
 
 /// Fills in bindings, push constants and structures.

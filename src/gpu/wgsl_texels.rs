@@ -6,11 +6,12 @@
 //! puts their bits together, `name[i] = v` becomes `set_name(i, v)`, and the SPIR-V is changed from images of one dimension, which WGSL
 //! has, to buffers of texels, which it lacks. The data does not change.
 //!
-//! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate.
+//! The build script compiles this file too (through `#[path]`), so it depends on nothing else in the crate but [`super::wgsl_spirv`].
 
 use std::collections::{BTreeSet, HashSet};
 use std::fmt::Write as _;
 
+use super::wgsl_spirv;
 use naga::{AddressSpace, ArraySize, Handle, Module, ScalarKind, StorageAccess, Type, TypeInner};
 
 /// The text with texel buffers, and for each of them its name and bytes of a texel: 4, 8 or 16 (integers of 32 bits).
@@ -294,7 +295,6 @@ fn closing_bracket(text: &str) -> Option<usize> {
 
 /// Turns images of one dimension into texel buffers.
 pub fn images_to_buffers(code: Vec<u32>) -> Vec<u32> {
-    const HEADER_WORDS: usize = 5;
     // Numbers of the SPIR-V specification: operations, capabilities, dimensions.
     const CAPABILITY: u32 = 17;
     const TYPE_IMAGE: u32 = 25;
@@ -307,12 +307,8 @@ pub fn images_to_buffers(code: Vec<u32>) -> Vec<u32> {
     const DIM_1D: u32 = 0;
     const DIM_BUFFER: u32 = 5;
     let (mut types, mut loaded) = (HashSet::new(), HashSet::new());
-    let mut changed = code[..HEADER_WORDS].to_vec();
-    let mut rest = &code[HEADER_WORDS..];
-    while let Some(&first) = rest.first() {
-        let (words, operation) = ((first >> 16) as usize, first & 0xffff);
-        let (instruction, after) = rest.split_at(words.clamp(1, rest.len()));
-        rest = after;
+    let mut changed = wgsl_spirv::header(&code);
+    for (operation, instruction) in wgsl_spirv::instructions(&code) {
         match (operation, instruction) {
             (CAPABILITY, [first, SAMPLED_1D]) => changed.extend([*first, SAMPLED_BUFFER]),
             (CAPABILITY, [first, IMAGE_1D]) => changed.extend([*first, IMAGE_BUFFER]),
