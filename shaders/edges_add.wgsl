@@ -17,6 +17,9 @@
 @group(0) @binding(10) var<storage, read_write> path_gain: array<vec4<f32>>;
 #endif
 
+// Host twin: pass::edges::FULL_PASSES.
+const FULL_PASSES: f32 = 4.0;
+
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let pixel = (group.x + group.y * groups.x) * 64u + lane;
@@ -39,7 +42,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         sum += vec4<f32>(known * ray.xyz, select(0.0, 1.0, ray.w > 1.5));
         count += known;
     }
-    let more = frame.lens.z * (sum / count - vec4<f32>(own, covered));
+    let more = min(1.0, FULL_PASSES * frame.shift.w) * (sum / count - vec4<f32>(own, covered));
     emitted[pixel] += more;
 #if GAIN
     path_gain[pixel] += vec4<f32>(more.xyz, 0.0);

@@ -29,7 +29,7 @@ struct FrameParameters {
                                 // w: photons in a footprint, 0: all have radius r
     cones: vec4<f32>,           // widths that textures are averaged over: of a pixel at unit depth (orthographic: at any), of particles and of gather rays at unit
                                 // distance; w: probability that a particle survives a reflection, 0: all do (see ring.rs)
-    shift: vec4<f32>,           // displacement of the image's centre from the view direction, in half widths and half heights; z: 1 if the camera is orthographic, else 0; w: weight of sparse windows
+    shift: vec4<f32>,           // displacement of the image's centre from the view direction, in half widths and half heights; z: 1 if the camera is orthographic, else 0; w: 1 / number of the pass, from 1: weight of sparse windows
     soft: vec4<u32>,            // number of emitters whose shadows are convolved (see soft_shadow.rs); zeros
     soft_emitters: array<vec4<u32>, 2>, // their numbers
     task: array<vec4<u32>, 2>,  // pixels that take part: first column and row, end of columns and rows; 1, or 0: all do; 1 + their class, 0: all

@@ -27,9 +27,11 @@ fn lobe_shines(flags: u32, cosine: f32) -> bool {
 
 // Intensity of the specular lobe alone; `wi` points from the shading point to the light.
 fn lobe_intensity(l: PointLight, wi: vec3<f32>, cosine: f32) -> vec3<f32> {
-    let lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, l.wi.w);
+    let shines = lobe_shines(bitcast<u32>(l.position.w), cosine);
+    // Lights without a lobe have another number in place of its alpha, which must not be taken for that of a table.
+    let lobe = Reflectance(vec3<f32>(0.0), l.flux.w, l.f0.xyz, select(1.0, l.wi.w, shines));
     let intensity = l.flux.xyz * eval_specular(lobe, l.normal.xyz, l.wi.xyz, -wi) * cosine;
-    return select(vec3<f32>(0.0), intensity, lobe_shines(bitcast<u32>(l.position.w), cosine));
+    return select(vec3<f32>(0.0), intensity, shines);
 }
 
 fn intensity_of(l: PointLight, wi: vec3<f32>) -> vec3<f32> {

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! So it casts no shadow rays. Rays that meet a surface that no pixel nearby shows are left out, but for emitters, which show their emission. With the pixel's own
-//! radiance L_0 and the weight w of the pass ([`Filter::weight`](crate::settings::Filter::weight)),
+//! radiance L_0 and the weight w of the pass, 1 in the first [`FULL_PASSES`] and FULL_PASSES / (number of the pass) after them,
 //!
 //! ```text
 //! L_0 += w (mean of L_0 and the rays' L - L_0)
@@ -19,7 +19,10 @@
 //! and coverage likewise. The layers of irradiance, albedo, normals and depth keep one ray.
 //!
 //! In flat mirrors without a diffuse base edges are those of the mirror image: a ray that meets one goes on once, and shows
-//! both hits ([`Shown`]). Edges that curved mirrors, glass and lobes show are not found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; it vanishes as w does.
+//! both hits ([`Shown`]). Edges that curved mirrors, glass and lobes show are not found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; and what is narrower than a pixel gives its pixel too little of
+//! its light, or too much if it is dark, since the pixel has rays where its own meets it, and where that misses it nothing tells of it.
+//! Both vanish as w does: the mean of N passes has at most (1 + ln(N / F)) F / N of them, F = FULL_PASSES, and eye rays through other points
+//! of the pixel in each pass show edges then.
 //!
 //! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits. In a scene with
 //! mirrors 20 bytes a pixel more, and a second ray for each that meets one.
@@ -36,6 +39,9 @@ use crate::scene::{Scene, Surface};
 
 /// Maximum number of rays of a pixel.
 pub const MAX_RAYS: u32 = 8;
+
+/// Passes in which the rays count in full.
+pub const FULL_PASSES: u32 = 4;
 
 /// Relative difference of squared distances, for each place in the order of 3 x 3, up to which pixels count as equally near to a parallel ray:
 /// the first counts.
@@ -288,6 +294,11 @@ pub fn albedos_differ(a: Vec3, b: Vec3) -> bool {
 /// Oracle: rays of each of `marked` pixels of a tile of `pixels` pixels.
 pub fn rays_of(marked: u32, pixels: u32) -> u32 {
     (pixels / marked.max(1)).min(MAX_RAYS)
+}
+
+/// Oracle: weight of the rays in a pass.
+pub fn weight_in_pass(frame: &FrameParameters) -> f32 {
+    (FULL_PASSES as f32 * frame.shift[3]).min(1.0)
 }
 
 /// Oracle: offset of ray k of `each` rays of a pixel (with its own ray's a golden lattice).

@@ -162,7 +162,7 @@ pub fn edges_follow_their_oracle(bench: &Bench) {
                         }
                     }
                 }
-                let mean = edges::mean(own_light, &rays, frame.lens[2]);
+                let mean = edges::mean(own_light, &rays, edges::weight_in_pass(frame));
                 let change = (mean - own_light).truncate();
                 let found = emitted[pixel];
                 let e = own.point[0] + change;
