@@ -67,7 +67,7 @@ pub struct FrameParameters {
     /// (see [`crate::plan::Cones`]); w: probability that a particle survives a reflection, 0: all do (see [`crate::ring`]).
     pub cones: [f32; 4],
     /// Displacement of the image's centre from the view direction, to the right and up, in half widths and half heights; 1 if
-    /// the camera is orthographic, else 0; weight of [`super::sparse_windows`].
+    /// the camera is orthographic, else 0; 1 / number of the pass, from 1, the weight of [`super::sparse_windows`], by which [`super::edges`] fades too.
     pub shift: [f32; 4],
     /// Number of emitters whose shadows are convolved ([`super::soft_shadow`]); zeros.
     pub soft: [u32; 4],
