@@ -17,6 +17,7 @@ use lightsum::gpu::{Buffer, Context, Memory};
 use lightsum::pass::ShadingPoints;
 use lightsum::settings::Compensation;
 use lightsum::{Camera, Engine, Scene, Settings};
+use naga::valid::{Capabilities, ValidationFlags, Validator};
 
 #[allow(dead_code, reason = "its main and its picture are the other example's own")]
 #[path = "embed.rs"]
@@ -84,7 +85,8 @@ pub fn run(host: &Host, scene: &Scene, camera: Camera, settings: Settings) -> Re
     let settings = Settings { filter: None, compensation: Compensation::Off, light_pool: 0, ..settings };
     let context = host.lend()?;
     let mut engine = Engine::new(&context, scene, camera, settings)?;
-    let kernel = Kernel::new(&context)?;
+    let kernel =
+        Kernel::new(&context, &compile(&[include_str!("shaders/virtual_lights.wgsl"), KERNEL].concat())?, BINDINGS)?;
     let [width, height] = camera.resolution;
     let bytes = 16 * u64::from(width * height);
     let copy = |name| Buffer::new(&context, name, bytes, Memory::Readback);
@@ -99,7 +101,7 @@ pub fn run(host: &Host, scene: &Scene, camera: Camera, settings: Settings) -> Re
             engine.record_pass(rec)?;
             let buffers = engine.pass_buffers()?;
             // The pass is visible to compute and transfer commands.
-            kernel.record(rec.command_buffer(), &engine, &buffers, &lit);
+            light(&kernel, rec.command_buffer(), &engine, &buffers, &lit);
             rec.copy_range(buffers.direct, 0, &direct, 0, bytes)?;
             rec.copy_range(buffers.indirect, 0, &indirect, 0, bytes)?;
             rec.copy_range(buffers.flags, 0, &flags, 0, bytes)
@@ -115,8 +117,30 @@ pub fn run(host: &Host, scene: &Scene, camera: Camera, settings: Settings) -> Re
     Ok(Lit { by_host: of_lit(lit.read()?), by_lightsum: of_lit(sums) })
 }
 
+/// Records the kernel that lights the points of a pass.
+fn light(kernel: &Kernel, commands: vk::CommandBuffer, engine: &Engine, of_pass: &PassBuffers, lit: &Buffer) {
+    let PassBuffers { tree, lights, .. } = of_pass;
+    let buffers = [
+        lights.buffer,
+        tree.node_min,
+        tree.node_max,
+        tree.v0,
+        tree.e1,
+        tree.e2,
+        of_pass.position,
+        of_pass.geometric_normal,
+        lit,
+    ];
+    let ([width, height], pattern) = (engine.view().size(), engine.plan().settings.pattern);
+    let layout = lights.layout;
+    let words = [width, width * height, pattern[0], pattern[1], layout.of_class, tree.nodes];
+    let push =
+        [words.map(u32::to_le_bytes).concat(), [layout.clip, layout.far].map(f32::to_le_bytes).concat()].concat();
+    kernel.record(commands, &buffers, &push, width * height);
+}
+
 /// A pipeline of the host's own.
-struct Kernel {
+pub struct Kernel {
     device: ash::Device,
     module: vk::ShaderModule,
     set_layout: vk::DescriptorSetLayout,
@@ -127,8 +151,8 @@ struct Kernel {
 }
 
 impl Kernel {
-    fn new(context: &Context) -> Result<Kernel> {
-        let code = compile(&[include_str!("shaders/virtual_lights.wgsl"), KERNEL].concat())?;
+    /// Of SPIR-V with so many storage buffers in its set 0.
+    pub fn new(context: &Context, code: &[u32], storage_buffers: u32) -> Result<Kernel> {
         let device = context.raw_device().clone();
         let mut kernel = Kernel {
             device: device.clone(),
@@ -139,7 +163,7 @@ impl Kernel {
             set: vk::DescriptorSet::null(),
             pipeline: vk::Pipeline::null(),
         };
-        let bindings: Vec<_> = (0..BINDINGS)
+        let bindings: Vec<_> = (0..storage_buffers)
             .map(|binding| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding)
@@ -149,11 +173,12 @@ impl Kernel {
             })
             .collect();
         let push = [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(32)];
-        let sizes =
-            [vk::DescriptorPoolSize::default().ty(vk::DescriptorType::STORAGE_BUFFER).descriptor_count(BINDINGS)];
+        let sizes = [vk::DescriptorPoolSize::default()
+            .ty(vk::DescriptorType::STORAGE_BUFFER)
+            .descriptor_count(storage_buffers)];
         // SAFETY: plain Vulkan; `kernel` destroys what has been made, whatever fails.
         unsafe {
-            kernel.module = device.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&code), None)?;
+            kernel.module = device.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code), None)?;
             let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
             kernel.set_layout = device.create_descriptor_set_layout(&create, None)?;
             let layouts = [kernel.set_layout];
@@ -174,21 +199,11 @@ impl Kernel {
         Ok(kernel)
     }
 
-    /// Records the kernel after a pass; it may be recorded once.
-    fn record(&self, commands: vk::CommandBuffer, engine: &Engine, of_pass: &PassBuffers, lit: &Buffer) {
-        let PassBuffers { tree, lights, .. } = of_pass;
-        let buffers = [
-            lights.buffer,
-            tree.node_min,
-            tree.node_max,
-            tree.v0,
-            tree.e1,
-            tree.e2,
-            of_pass.position,
-            of_pass.geometric_normal,
-            lit,
-        ];
-        let infos = buffers.map(|b| [vk::DescriptorBufferInfo::default().buffer(b.handle()).range(vk::WHOLE_SIZE)]);
+    /// Records the kernel, once, with its buffers, its immediate data and so many invocations.
+    pub fn record(&self, commands: vk::CommandBuffer, buffers: &[&Buffer], push: &[u8], invocations: u32) {
+        let info =
+            |buffer: &&Buffer| [vk::DescriptorBufferInfo::default().buffer(buffer.handle()).range(vk::WHOLE_SIZE)];
+        let infos: Vec<_> = buffers.iter().map(info).collect();
         let writes: Vec<_> = infos
             .iter()
             .zip(0..)
@@ -200,11 +215,6 @@ impl Kernel {
                     .buffer_info(info)
             })
             .collect();
-        let ([width, height], pattern) = (engine.view().size(), engine.plan().settings.pattern);
-        let layout = lights.layout;
-        let words = [width, width * height, pattern[0], pattern[1], layout.of_class, tree.nodes];
-        let push =
-            [words.map(u32::to_le_bytes).concat(), [layout.clip, layout.far].map(f32::to_le_bytes).concat()].concat();
         let to_host = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE)
             .dst_access_mask(vk::AccessFlags::HOST_READ)];
@@ -215,8 +225,10 @@ impl Kernel {
             let point = vk::PipelineBindPoint::COMPUTE;
             device.cmd_bind_pipeline(commands, point, self.pipeline);
             device.cmd_bind_descriptor_sets(commands, point, self.layout, 0, &[self.set], &[]);
-            device.cmd_push_constants(commands, self.layout, vk::ShaderStageFlags::COMPUTE, 0, &push);
-            device.cmd_dispatch(commands, (width * height).div_ceil(64), 1, 1);
+            if !push.is_empty() {
+                device.cmd_push_constants(commands, self.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+            }
+            device.cmd_dispatch(commands, invocations.div_ceil(64), 1, 1);
             let (from, to) = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::PipelineStageFlags::HOST);
             device.cmd_pipeline_barrier(commands, from, to, vk::DependencyFlags::empty(), &to_host, &[], &[]);
         }
@@ -236,10 +248,12 @@ impl Drop for Kernel {
     }
 }
 
+/// What kernels may use: immediate data, and pairs of halves in a word.
+pub const CAPABILITIES: Capabilities = Capabilities::IMMEDIATES.union(Capabilities::SHADER_FLOAT16_IN_FLOAT32);
+
 /// WGSL as SPIR-V.
-fn compile(source: &str) -> Result<Vec<u32>> {
-    use naga::valid::{Capabilities, ValidationFlags, Validator};
+pub fn compile(source: &str) -> Result<Vec<u32>> {
     let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
-    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES).validate(&module)?;
+    let info = Validator::new(ValidationFlags::all(), CAPABILITIES).validate(&module)?;
     Ok(naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None)?)
 }

@@ -32,6 +32,7 @@
 //! same expressions gets the same numbers.
 
 pub mod alpha;
+mod build;
 pub mod objects;
 pub mod wide;
 
@@ -43,7 +44,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use obvhs::ploc::PlocSearchDistance;
 
 /// Maximum number of triangles in a leaf.
 pub const MAX_LEAF: u32 = 4;
@@ -163,15 +164,17 @@ fn binary_tree(boxes: &[Aabb], count: usize) -> Bvh2 {
     // On 415,000 triangles (white-room) the first costs a surface-area heuristic as low as that of twice the search and three
     // times the reinsertions, which take three times as long; with the second it is 1 % higher, and saves half of the time.
     let ratio = if count <= 1 << 20 { 0.15 } else { 0.05 };
-    let indices = (0..boxes.len() as u32).collect();
     // As a task of the thread pool: a loop that is begun outside of it waits for a thread to wake, and there are dozens.
     rayon::scope(|_| {
-        let medium = PlocSearchDistance::Medium;
-        let mut tree = PlocBuilder::with_capacity(boxes.len()).build(medium, boxes, indices, SortPrecision::U64, 2);
+        let (mut tree, clustered) = build::tree(boxes, PlocSearchDistance::Medium);
         let mut reinsertion = ReinsertionOptimizer::default();
-        reinsertion.run(&mut tree, ratio, None);
+        if clustered {
+            reinsertion.run(&mut tree, ratio, None);
+        }
         collapse(&mut tree, MAX_LEAF, 3.0);
-        reinsertion.run(&mut tree, ratio, None);
+        if clustered {
+            reinsertion.run(&mut tree, ratio, None);
+        }
         tree
     })
 }

@@ -2,8 +2,8 @@
 //!
 //! Instant radiosity (Keller 1997): particles leave the emitters along quasi-random paths and leave a point light
 //! wherever they meet a surface; everything that the eye sees is lit by all of these lights, with shadows. The usual
-//! noise becomes a smooth error that the next passes average away. Everything runs in compute shaders on any device with
-//! Vulkan 1.1, Mesa's lavapipe on the processor included.
+//! noise becomes a smooth error that the next passes average away. Everything runs in compute shaders of Vulkan 1.1 on
+//! devices with 30 storage buffers in a stage, Mesa's lavapipe on the processor among them.
 //!
 //! # Architecture
 //!

@@ -23,11 +23,11 @@ use std::time::Instant;
 use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use obvhs::ploc::PlocSearchDistance;
 use rayon::prelude::*;
 
 use super::wide::{self, WIDTH, WideBvh};
-use super::{BOX_PADDING, Bvh, padded, triangle_record, with_bits, xyz};
+use super::{BOX_PADDING, Bvh, build, padded, triangle_record, with_bits, xyz};
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
@@ -228,12 +228,12 @@ impl ObjectTrees {
     /// The tree over the boxes of the objects.
     fn top_level(&self) -> Vec<Place> {
         let boxes: Vec<Aabb> = self.subtrees.iter().map(|s| Aabb::new(s.lower.into(), s.upper.into())).collect();
-        let indices = (0..boxes.len() as u32).collect();
         // As a task of the thread pool, for the same reason as a scene's tree.
         let tree = rayon::scope(|_| {
-            let high = PlocSearchDistance::High;
-            let mut tree = PlocBuilder::with_capacity(boxes.len()).build(high, &boxes, indices, SortPrecision::U64, 2);
-            ReinsertionOptimizer::default().run(&mut tree, 0.5, None);
+            let (mut tree, clustered) = build::tree(&boxes, PlocSearchDistance::High);
+            if clustered {
+                ReinsertionOptimizer::default().run(&mut tree, 0.5, None);
+            }
             tree
         });
         let mut places = Vec::with_capacity(2 * boxes.len());

@@ -6,7 +6,7 @@
 //! or scene may make other buffers: ask again after each.
 //!
 //! `examples/shaders/virtual_lights.wgsl` and `.glsl` read the lights and ask the tree whether they are visible;
-//! `examples/lights_for_rasterizer.rs` runs them.
+//! `examples/lights_for_rasterizer.rs` runs them. `examples/shaders/kept_light.wgsl` and `.glsl` read light kept in textures.
 
 use super::Engine;
 use crate::error::Result;

@@ -3,10 +3,9 @@
 //! Little endian: magic "LSUMSTAT", version u32, width u32, height u32, passes u32, traversal u32, length of the device's name u32,
 //! fingerprint u64, length of the accumulators u64, checksum u64 (FNV-1a over all other bytes), the device's name, accumulators.
 
-use super::write_file;
+use super::{temporary, write_file};
 use crate::error::{Error, Result};
 use crate::settings::Traversal;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 const VERSION: u32 = 3;
@@ -58,11 +57,12 @@ pub struct State {
 }
 
 impl State {
-    /// The state file that belongs to an output: its name with `.state` appended.
+    /// The state file that belongs to an output: its name with `.state` appended. In place of a name of more than 200 bytes stands a number
+    /// that follows from it.
     pub fn path_for(output: &Path) -> PathBuf {
-        let mut name = OsString::from(output);
+        let mut name = temporary::shortened(output.file_name().unwrap_or_default());
         name.push(".state");
-        PathBuf::from(name)
+        output.with_file_name(name)
     }
 
     /// Writes the state.

@@ -56,6 +56,12 @@ impl Temporary {
     pub fn rename_to(mut self, place: &Path) -> std::io::Result<()> {
         fs::rename(&self.path, place)?;
         self.is_renamed = true;
+        // So that the name outlasts a power failure, where folders can be synchronised.
+        #[cfg(unix)]
+        if let Some(folder) = place.parent() {
+            let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+            let _ = File::open(folder).and_then(|folder| folder.sync_all());
+        }
         Ok(())
     }
 }
@@ -70,16 +76,20 @@ impl Drop for Temporary {
     }
 }
 
+/// A name that leaves room for what is added to it; in place of a long one a number that follows from it.
+pub fn shortened(name: &OsStr) -> OsString {
+    if name.len() <= LONGEST {
+        return name.into();
+    }
+    let mut hash = Fnv::default();
+    hash.add(name.as_encoded_bytes());
+    OsString::from(format!("{:016x}", hash.0))
+}
+
 /// The beginning of the names of all temporary files of an output.
 fn stem(name: &OsStr) -> OsString {
     let mut stem = OsString::from(".");
-    if name.len() <= LONGEST {
-        stem.push(name);
-    } else {
-        let mut hash = Fnv::default();
-        hash.add(name.as_encoded_bytes());
-        stem.push(format!("{:016x}", hash.0));
-    }
+    stem.push(shortened(name));
     stem.push(".");
     stem
 }

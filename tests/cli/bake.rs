@@ -1,4 +1,4 @@
-//! `lightsum bake` and `render --light-from` as a user meets them.
+//! `lightsum bake` and `--light-from` as a user meets them.
 //!
 //! LIGHTSUM_DEVICE names the device, as for all tests with a device.
 
@@ -92,6 +92,39 @@ fn what_is_baked_is_shown_again() {
     works(folder, "bake scene.toml -o indirect.glb --density 8 --passes 2 --parts indirect");
     let message = fails(folder, "render scene.toml -o a.png --light-from indirect.glb");
     assert!(message.contains("--parts"), "{message}");
+}
+
+#[test]
+fn a_walkthrough_shows_what_was_baked() {
+    let folder = folder();
+    let folder = folder.path();
+    works(folder, "bake scene.toml -o room.glb --density 16 --passes 8");
+    let keys = "frames = 3\n[[camera]]\ntime = 0.0\n[[camera]]\ntime = 1.0\neye = [0.6, 0.7, 3.5]\n";
+    fs::write(folder.join("walk.toml"), keys).unwrap();
+    let flags = "--path walk.toml --moving-passes 4 --layers --float --resolution 40x32";
+    works(folder, &format!("animate scene.toml -o kept-%d.exr --timings t.json --light-from room.glb {flags}"));
+    works(folder, &format!("animate scene.toml -o full-%d.exr {flags}"));
+    for frame in 0..3 {
+        let [kept, full] = ["kept", "full"].map(|name| mean(&folder.join(format!("{name}-{frame}.exr"))));
+        assert!((kept / full - 1.0).abs() < 0.05, "{frame}: {kept} and {full}");
+    }
+    let timings: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("t.json")).unwrap()).unwrap();
+    for frame in timings["frames"].as_array().unwrap() {
+        assert!(frame["gpu_passes"]["kept_light"].as_f64() > Some(0.0), "{frame}");
+    }
+    // A frame is what `render` shows from there.
+    works(
+        folder,
+        "render scene.toml -o still.exr --float --path walk.toml --at 0.5 --passes 4 --light-from room.glb --resolution 40x32",
+    );
+    let (still, frame) = (mean(&folder.join("still.exr")), mean(&folder.join("kept-1.exr")));
+    assert!((still / frame - 1.0).abs() < 0.01, "{still} and {frame}");
+
+    let objects = "frames = 2\n[[object]]\nname = \"room\"\nkeys = [{ time = 0 }]\n";
+    fs::write(folder.join("moves.toml"), objects).unwrap();
+    let line = "animate scene.toml -o m-%d.png --path moves.toml --light-from room.glb";
+    let message = fails(folder, line);
+    assert!(message.contains("--light-from") && message.contains("objects move"), "{message}");
 }
 
 #[test]

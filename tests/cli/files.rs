@@ -93,6 +93,30 @@ fn outputs_do_not_overwrite_the_scene() {
 }
 
 #[test]
+fn names_may_be_as_long_as_the_system_takes_them() {
+    let folder = folder();
+    let longest = format!("{}.exr", "a".repeat(251));
+    succeeds(folder.path(), &format!("render scene.toml --passes 1 --particles 2 -o {longest} --resume"));
+    succeeds(folder.path(), &format!("render scene.toml --passes 2 --particles 2 -o {longest} --resume"));
+    succeeds(folder.path(), "render scene.toml --passes 2 --particles 2 -o short.exr");
+    let bytes = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes(&longest) == bytes("short.exr"));
+    fails(folder.path(), &format!("render scene.toml --passes 1 -o a{longest}"), 1, &["too long"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn standard_output_takes_files() {
+    let folder = folder();
+    let told = succeeds(folder.path(), "render scene.toml --passes 1 --particles 2 -o a.exr --stats /dev/stdout");
+    let told = String::from_utf8(told.stdout).unwrap();
+    // The line that names the files follows.
+    let end = told.rfind("}\n").unwrap() + 1;
+    let statistics: serde_json::Value = serde_json::from_str(&told[..end]).unwrap();
+    assert_eq!(statistics["passes"], 1, "{told}");
+}
+
+#[test]
 fn a_second_process_on_one_output_is_told() {
     let folder = folder();
     let (mut first, mut stderr) = endless(folder.path(), "");

@@ -96,6 +96,14 @@ fn quiet_tells_errors_alone_and_a_log_file_tells_more() {
     for line in ["warning: --splat-width has no effect", "info: ", "1 pass, rendered in"] {
         assert!(log.contains(line), "{line}: {log}");
     }
+    // A log takes the place of a log, and of nothing else; nor is it another output.
+    run("-q --log-file log.txt");
+    let scene = fs::read(folder.path().join("scene.toml")).unwrap();
+    fails(folder.path(), "info scene.toml --log-file scene.toml", 1, &["scene.toml", "no log"]);
+    assert_eq!(fs::read(folder.path().join("scene.toml")).unwrap(), scene);
+    let output = command(folder.path(), "render scene.toml --passes 1 -o b.exr --log-file b.exr").output().unwrap();
+    let message = text(&output.stderr);
+    assert!(output.status.code() == Some(1) && message.contains("b.exr: another lightsum writes"), "{message}");
     fails(folder.path(), "render none.toml -o old.exr -q", 1, &["none.toml"]);
     fails(folder.path(), "render scene.toml -o old.exr --log-file missing/log.txt", 1, &["missing/log.txt"]);
 }

@@ -211,6 +211,44 @@ quit
 }
 
 #[test]
+fn a_window_shows_light_that_was_baked() {
+    let (display, folder) = (Display::open(), folder());
+    succeeds(folder.path(), "bake scene.toml -o room.glb --density 16 --passes 8");
+    let script = "
+window 80x60
+panel off
+passes 4
+screenshot kept.exr
+click 40,32                     # no object can be chosen
+drag left 40,32 52,26           # so that this turns the view
+wheel 0.5
+key K
+passes 4
+screenshot turned.exr
+path walk.toml
+set --lookup bicubic
+passes 2
+quit
+";
+    fs::write(folder.path().join("script.txt"), script).unwrap();
+    let mut view = command(folder.path(), "view scene.toml --script script.txt --validation --light-from room.glb");
+    view.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").env("WINIT_X11_SCALE_FACTOR", "1");
+    let output = view.output().unwrap();
+    let (told, said) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{told}{said}");
+    let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
+    assert_eq!((&summary["validation_messages"], &summary["bytes_not_given_back"]), (&0.into(), &0.into()));
+    let file = |name: &str| folder.path().join(name);
+    let flags = "--light-from room.glb --passes 4 --resolution 80x60";
+    succeeds(folder.path(), &format!("render scene.toml -o expected.exr {flags}"));
+    assert_close(&file("kept.exr"), &file("expected.exr"), 0.02);
+    // The path that was recorded leads to the same view.
+    succeeds(folder.path(), &format!("render scene.toml -o expected.exr --path walk.toml {flags}"));
+    assert_close(&file("turned.exr"), &file("expected.exr"), 0.02);
+    assert_ne!(channels(&file("turned.exr"))["R"], channels(&file("kept.exr"))["R"]);
+}
+
+#[test]
 #[cfg(target_os = "linux")]
 fn a_window_whose_device_is_lost_ends_in_order() {
     let (display, folder) = (Display::open(), folder());

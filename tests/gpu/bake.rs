@@ -310,7 +310,7 @@ fn a_frame_with_kept_light_costs_the_same_with_any_number_of_lights() {
 }
 
 /// A scene with random kept light on two pages; every fifth side has none.
-fn with_light(mut scene: Scene) -> Scene {
+pub fn with_light(mut scene: Scene) -> Scene {
     let random = |i: u32| (lightsum::sampling::random::hash(i) >> 8) as f32 / (1u32 << 24) as f32;
     let page = |size: [u32; 2], scale: f32| {
         let value = |i: u32| Vec3::new(random(3 * i), random(3 * i + 1), random(3 * i + 2)) * scale;

@@ -12,6 +12,7 @@ use lightsum::settings::{Clip, Compensation, Settings};
 use lightsum::view::{Atlas, Texel};
 use lightsum::{Engine, Error, Renderer, Scene, View};
 
+use crate::bake::with_light;
 use crate::embed::small;
 use crate::support::{assert_silent, gpu_test};
 
@@ -282,6 +283,101 @@ fn shaders_of_the_host_light_points_by_virtual_lights() {
             assert!(differ * 100 <= lit.by_host.len(), "{pattern:?}: {differ}");
         }
         assert_silent(witness.take_messages());
+    });
+}
+
+/// Reads the light at points after the functions of `kept_light.wgsl` or `.glsl`.
+const KEPT_WGSL: &str = "
+@group(0) @binding(3) var<storage, read> points: array<vec4<u32>>;
+@group(0) @binding(4) var<storage, read_write> light: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < arrayLength(&points) {
+        let p = points[id.x];
+        let kept = kept_irradiance(p.x, bitcast<vec2<f32>>(p.yz), p.w != 0u);
+        light[2u * id.x] = vec4<f32>(kept.direct, 0.0);
+        light[2u * id.x + 1u] = vec4<f32>(kept.indirect, 0.0);
+    }
+}
+";
+const KEPT_GLSL: &str = "
+layout(local_size_x = 64) in;
+layout(set = 0, binding = 3, std430) readonly buffer Points { uvec4 points[]; };
+layout(set = 0, binding = 4, std430) buffer Light { vec4 light[]; };
+
+void main() {
+    if (gl_GlobalInvocationID.x < uint(points.length())) {
+        uvec4 p = points[gl_GlobalInvocationID.x];
+        Kept kept = kept_irradiance(p.x, uintBitsToFloat(p.yz), p.w != 0u);
+        light[2u * gl_GlobalInvocationID.x] = vec4(kept.direct, 0.0);
+        light[2u * gl_GlobalInvocationID.x + 1u] = vec4(kept.indirect, 0.0);
+    }
+}
+";
+
+/// GLSL as SPIR-V.
+fn compile_glsl(source: &str) -> Vec<u32> {
+    use naga::valid::{ValidationFlags, Validator};
+    let options = naga::front::glsl::Options::from(naga::ShaderStage::Compute);
+    let module = naga::front::glsl::Frontend::default().parse(&options, source).unwrap();
+    let info = Validator::new(ValidationFlags::all(), lights_for_rasterizer::CAPABILITIES).validate(&module).unwrap();
+    naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None).unwrap()
+}
+
+/// Kernels of the host, by the snippets of the documentation, against the look-up on the processor.
+#[test]
+fn shaders_of_the_host_read_light_that_was_kept() {
+    gpu_test(|ctx| {
+        let (scene, camera, settings) = small();
+        let scene = with_light(scene);
+        let kept = scene.kept_light.clone().unwrap();
+        let mut engine = Engine::new(ctx, &scene, camera, settings).unwrap();
+        let leaves = engine.bvh().leaf_numbers();
+        let places = [[0.2f32, 0.3], [0.0, 0.0], [0.7, 0.3], [1.0 / 3.0, 1.0 / 3.0]];
+        let points: Vec<(u32, [f32; 2], bool)> = (0..scene.triangles.len() as u32)
+            .flat_map(|triangle| places.map(|uv| (triangle, uv)))
+            .flat_map(|(triangle, uv)| [false, true].map(|back| (triangle, uv, back)))
+            .collect();
+        let words: Vec<[u32; 4]> = points
+            .iter()
+            .map(|&(triangle, [u, v], back)| [leaves[triangle as usize], u.to_bits(), v.to_bits(), u32::from(back)])
+            .collect();
+        let bytes = 16 * words.len() as u64;
+        let asked = Buffer::new(ctx, "points", bytes, Memory::Upload).unwrap();
+        asked.write(0, &words.iter().flatten().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
+        let wgsl = [include_str!("../../examples/shaders/kept_light.wgsl"), KEPT_WGSL].concat();
+        let glsl = ["#version 450\n", include_str!("../../examples/shaders/kept_light.glsl"), KEPT_GLSL].concat();
+        let sources = [("WGSL", lights_for_rasterizer::compile(&wgsl).unwrap()), ("GLSL", compile_glsl(&glsl))];
+        for (language, code) in sources {
+            let kernel = lights_for_rasterizer::Kernel::new(ctx, &code, 5).unwrap();
+            let found = Buffer::new(ctx, "light", 2 * bytes, Memory::Readback).unwrap();
+            ctx.submit_and_wait("kept light", None, |rec| {
+                engine.record_setup(rec)?;
+                let light = engine.pass_buffers()?.kept_light.unwrap();
+                let buffers = [&light.faces, &light.pages, &light.texels, &asked, &found];
+                kernel.record(rec.command_buffer(), &buffers, &[], points.len() as u32);
+                Ok(())
+            })
+            .unwrap();
+            engine.setup_finished();
+            let found = found.read::<[f32; 4]>().unwrap();
+            let greatest = |page: u32| {
+                let page = &kept.pages[page as usize];
+                page.direct.iter().chain(&page.indirect).map(|e| e.max_element()).fold(0.0, f32::max)
+            };
+            for (i, &(triangle, uv, back)) in points.iter().enumerate() {
+                let expected = kept.irradiance(triangle, back, uv);
+                let face = kept.faces[triangle as usize][usize::from(back)];
+                let scale = face.map_or(0.0, |face| greatest(face.page));
+                for part in 0..2 {
+                    let [x, y, z, _] = found[2 * i + part];
+                    let error = Vec3::new(x, y, z).distance(expected[part]);
+                    // Texels are halves.
+                    assert!(error <= 2e-3 * scale, "{language} {triangle} {uv:?} {back}: {error} of {scale}");
+                }
+            }
+        }
     });
 }
 

@@ -232,14 +232,10 @@ impl Bench {
     }
 }
 
-/// Writes the arrays, each to a temporary file that is then renamed.
+/// Writes the arrays.
 fn dump(dir: &Path, scene: &Scene, workload: &Workload) -> Result<()> {
     std::fs::create_dir_all(dir).map_err(Error::io("creating", dir))?;
-    let write = |name: &str, bytes: Vec<u8>| {
-        let (path, beside) = (dir.join(name), dir.join(format!("{name}.tmp")));
-        std::fs::write(&beside, bytes).map_err(Error::io("writing", &beside))?;
-        std::fs::rename(&beside, &path).map_err(Error::io("renaming", &path))
-    };
+    let write = |name: &str, bytes: Vec<u8>| lightsum::output::write_file(&dir.join(name), &[&bytes]);
     let floats = |v: &[glam::Vec3]| v.iter().flat_map(|v| v.to_array()).flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
     let indices = scene.triangles.iter().flat_map(|t| t.vertices).flat_map(u32::to_le_bytes).collect();
     write("vertices.f32", floats(&scene.positions))?;

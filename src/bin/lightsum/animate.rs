@@ -249,8 +249,8 @@ fn options(script: &Script, scene: &Scene, traversal: Option<Traversal>) -> Rend
         max_memory: device.max_device_memory,
         pipeline_cache: pipeline_cache(),
         traversal,
-        // Where nothing but the camera moves the scene may hold images of itself.
-        dynamic: !mirrors::wanted(&scene.render),
+        // Where nothing but the camera moves the scene may hold images of itself, and light that was kept.
+        dynamic: !mirrors::wanted(&scene.render) && scene.kept_light.is_none(),
         ..RenderOptions::default()
     }
 }

@@ -5,6 +5,7 @@ mod camera;
 mod choices;
 mod cluster;
 mod compare;
+mod kept;
 mod keys;
 mod manual;
 mod play;
@@ -28,6 +29,7 @@ pub use camera::Camera;
 pub use choices::{Curve, Denoiser, SpecularFlag};
 pub use cluster::{Cluster, ClusterTasks, Merge, PartFlag, Ranks};
 pub use compare::{Compare, Devices, Measure};
+pub use kept::KeptLight;
 pub use keys::Keys;
 pub use manual::Manual;
 pub use play::{Play, Pose};
@@ -188,6 +190,8 @@ pub struct Moving {
     #[arg(long, value_name = "CURVE", value_enum, default_value = "srgb")]
     pub tonemap: Curve,
     #[command(flatten)]
+    pub kept: KeptLight,
+    #[command(flatten)]
     pub camera: Camera,
     #[command(flatten)]
     pub reading: Reading,
@@ -277,11 +281,8 @@ pub struct Output {
     /// Remove noise by a neural network (in builds with the feature oidn). Its error is its own: for a look, not for measuring.
     #[arg(long, value_name = "WAY", value_enum, conflicts_with_all = ["summands", "reference"])]
     pub denoise: Option<Denoiser>,
-    /// Show the light that `bake` kept in this file, of the same scene, with no virtual lights.
-    ///
-    /// Mirrors, glass and narrow lobes show it too. The time of a pass does not depend on the number of lights.
-    #[arg(long, value_name = "FILE.glb", conflicts_with_all = ["export_lights", "reference"])]
-    pub light_from: Option<PathBuf>,
+    #[command(flatten)]
+    pub kept: KeptLight,
     /// Write device, counts, rays and the seconds of each stage and GPU pass as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub stats: Option<PathBuf>,
@@ -289,7 +290,7 @@ pub struct Output {
     ///
     /// lightsum and other renderers can load the file. All pixels share them, unless --interleave says otherwise. Without
     /// --output or --stats no image is rendered.
-    #[arg(long, value_name = "FILE.gltf")]
+    #[arg(long, value_name = "FILE.gltf", conflicts_with = "light_from")]
     pub export_lights: Option<PathBuf>,
 }
 

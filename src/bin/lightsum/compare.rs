@@ -15,6 +15,7 @@ pub fn run(args: &Compare) -> Result<bool> {
         output::check_writable(path)?;
         output::check_apart([path.as_path()], &[args.image.clone(), args.reference.clone()])?;
     }
+    let _claim = output::claim(args.output.as_deref())?;
     let (image, reference) = (Picture::read(&args.image)?, Picture::read(&args.reference)?);
     let (found, map) =
         compare(&image, &reference, args.exposure).map_err(|message| Error::file(&args.image, message))?;

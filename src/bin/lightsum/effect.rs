@@ -89,7 +89,33 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
     let is_spread = |spread: Spread| superposition.is_some_and(|superposition| superposition.spread == spread);
     let off = |flag: &str| format!("{flag} is off");
     let images = given.mirror_source == Some(MirrorForm::Images) || settings.mirror_images().is_some();
-    let rules: [(&[&str], bool, String); 16] = [
+    let rules: [(&[&str], bool, String); 17] = [
+        (
+            &[
+                "particles",
+                "light_pool",
+                "direct_lights",
+                "interleave",
+                "mirror_lights",
+                "clip",
+                "clip_fraction",
+                "compensation",
+                "light_choice",
+                "power_fraction",
+                "delta_lights",
+                "light_threshold",
+                "filter",
+                "filter_direct",
+                "filter_sparse",
+                "filter_agreement",
+                "glossy",
+                "splat_particles",
+                "splat_width",
+                "splat_alpha",
+            ],
+            scene.kept_light.is_some(),
+            "light that was kept takes the place of virtual lights".into(),
+        ),
         (
             &["photons", "photon_radius", "interleave_photons", "max_specular", "mirror_lights"],
             !specular,
@@ -145,7 +171,11 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
             !settings.clips() && settings.compensation != Compensation::Off,
             "nothing is clipped: --clip is 0".into(),
         ),
-        (&["light_threshold"], settings.traversal == Traversal::Single, "--traversal is single".into()),
+        (
+            &["light_threshold", "cluster_order"],
+            settings.traversal == Traversal::Single,
+            "--traversal is single".into(),
+        ),
         (
             &["delta_lights"],
             settings.delta_lights.is_some_and(|most| scene.lights.len() <= most as usize),
@@ -168,7 +198,8 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
 mod tests {
     use super::*;
     use clap::Parser;
-    use lightsum::scene::{Material, builtin};
+    use lightsum::scene::{KeptLight, Material, builtin};
+    use std::sync::Arc;
 
     fn told(line: &str, surface: Surface) -> Vec<(&'static str, String)> {
         let mut given = RenderDefaults::default();
@@ -219,6 +250,21 @@ mod tests {
     }
 
     #[test]
+    fn keys_of_virtual_lights_have_no_effect_on_kept_light() {
+        let mut scene = builtin::furnace(0.5, 1.0);
+        scene.kept_light = Some(Arc::new(KeptLight { faces: Vec::new(), pages: Vec::new() }));
+        for (assigned, flag) in
+            [("particles=3", "--particles"), ("filter=off", "--filter"), ("glossy=splats", "--glossy")]
+        {
+            let given = RenderDefaults::assigned(assigned).unwrap();
+            let found = without_effect(&given, &Settings::default().with_scene_defaults(&given), &scene);
+            assert!(found.len() == 1 && found[0].0 == flag && found[0].1.contains("kept"), "{assigned}: {found:?}");
+        }
+        let given = RenderDefaults::assigned("lookup=bicubic").unwrap();
+        assert_eq!(without_effect(&given, &Settings::default().with_scene_defaults(&given), &scene), []);
+    }
+
+    #[test]
     fn flags_without_effect_are_told_with_the_reason_and_others_are_not() {
         for (line, flag, reason) in [
             ("photon_radius=1", "--photon-radius", "no mirrors and no glass"),
@@ -234,6 +280,7 @@ mod tests {
             ("ring=images particles=3", "--particles", "one path"),
             ("clip=0 compensation=exact", "--compensation", "nothing is clipped"),
             ("light_threshold=1 traversal=single", "--light-threshold", "is single"),
+            ("cluster_order=space traversal=single", "--cluster-order", "is single"),
             ("delta_lights=2000", "--delta-lights", "such lights"),
         ] {
             let found = told(line, Surface::Opaque);

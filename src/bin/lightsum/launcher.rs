@@ -12,6 +12,12 @@ fn ranks_by(variable: impl Fn(&str) -> Option<String>) -> Option<usize> {
     own.or_else(of_slurm)?.parse().ok()
 }
 
+/// Whether this is the first rank of a job, or none.
+pub fn is_first() -> bool {
+    let own = ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"].into_iter().find_map(|name| std::env::var(name).ok());
+    own.is_none_or(|rank| rank == "0")
+}
+
 /// Why a program without MPI does nothing on several ranks.
 #[cfg(any(test, not(feature = "mpi")))]
 pub fn without_mpi(ranks: usize) -> lightsum::Error {

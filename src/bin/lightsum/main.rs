@@ -58,7 +58,9 @@ fn main() -> ExitCode {
     #[cfg(unix)]
     keep_on_when_files_outgrow_their_limit();
     let arguments = args::parse();
-    if let Err(error) = speak::log_to(arguments.verbose, arguments.quiet, arguments.log_file.as_deref()) {
+    // Of several ranks the first writes the log.
+    let log_file = arguments.log_file.as_deref().filter(|_| launcher::is_first());
+    if let Err(error) = speak::log_to(arguments.verbose, arguments.quiet, log_file) {
         say_error(&error.to_string());
         return ExitCode::FAILURE;
     }

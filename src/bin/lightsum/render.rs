@@ -17,7 +17,6 @@ use lightsum::standalone::{RenderOptions, Renderer};
 use lightsum::view::Region;
 use lightsum::{Error, Result, ring};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -79,10 +78,7 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
     let given = args.keys.override_scene(&mut scene, "render")?;
     let moment = Moment::of(&mut scene, path, args)?;
     let camera = moment.camera;
-    if let Some(kept) = &args.output.light_from {
-        scene.kept_light = Some(Arc::new(lightsum::bake::files::read(kept, &scene)?));
-    }
-    scene.files.extend(args.output.light_from.clone());
+    args.output.kept.read(&mut scene)?;
     let stages = vec![("load".into(), start.elapsed().as_secs_f64())];
     args.output.crop.map_or(Ok(()), |crop| crop.check(camera.resolution))?;
     let mut settings = Settings::default().with_scene_defaults(&scene.render);
@@ -108,7 +104,10 @@ pub fn prepare(args: &Render) -> Result<(Job, Scene, Moment<'_>)> {
         exposure,
         tonemap: args.output.tonemap.into(),
     };
-    log::info!("{}: {} triangles, {camera:?}, {settings:?}", path.display(), scene.triangles.len());
+    // Numbers and strings alone: serialisation cannot fail.
+    let as_json = serde_json::to_string(&settings).unwrap_or_default();
+    log::info!("{}: {} triangles, camera {}", path.display(), scene.triangles.len(), camera.world_json(scene.origin));
+    log::info!("settings {as_json}");
     let (outputs, crop, surfaces) = (args.output.outputs.clone(), args.output.crop, args.output.surfaces);
     let job = Job {
         name: scene.name.clone(),

@@ -1,20 +1,21 @@
 //! Lines for the user: results on standard output, all else on standard error, and in the file of `--log-file`.
 
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 
+use lightsum::output::{self, Claim};
 use lightsum::{Error, Result};
 
 /// Whether this process is one of many that render together, and another one speaks.
 static MUTE: AtomicBool = AtomicBool::new(false);
 /// Whether errors alone are told.
 static QUIET: AtomicBool = AtomicBool::new(false);
-/// The file of `--log-file`, and the start of the program.
-static LOG: OnceLock<(Mutex<File>, Instant)> = OnceLock::new();
+/// The file of `--log-file`, the start of the program, and the claim that keeps it from being another output as well.
+static LOG: OnceLock<(Mutex<File>, Instant, Claim)> = OnceLock::new();
 
 /// Says nothing from now on but warnings.
 #[cfg(feature = "mpi")]
@@ -53,11 +54,27 @@ pub fn say_error(error: &str) {
 
 /// Writes a line to the file of `--log-file`, with the seconds since the start.
 fn note(label: &str, line: &str) {
-    if let Some((file, start)) = LOG.get() {
+    if let Some((file, start, _)) = LOG.get() {
         let seconds = start.elapsed().as_secs_f64();
         // A full disk must not end a rendering.
         let _ = writeln!(file.lock().unwrap_or_else(PoisonError::into_inner), "{seconds:10.3} {label}{line}");
     }
+}
+
+/// Opens the file of `--log-file`, which takes the place of an earlier log alone: what a scene is read from is not known yet.
+fn open_log(path: &Path) -> Result<(Mutex<File>, Instant, Claim)> {
+    let claim = output::claim([path])?;
+    let is_log = |line: &str| line.trim_start().split_once(' ').is_some_and(|(time, _)| time.parse::<f64>().is_ok());
+    if std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0) {
+        let (mut first, mut file) = ([0; 32], File::open(path).map_err(Error::io("reading", path))?);
+        let length = file.read(&mut first).map_err(Error::io("reading", path))?;
+        if !is_log(&String::from_utf8_lossy(&first[..length])) {
+            let message = "--log-file would overwrite this file, and it is no log; give another name, or remove it";
+            return Err(Error::file(path, message));
+        }
+    }
+    let file = File::create(path).map_err(Error::io("writing", path))?;
+    Ok((Mutex::new(file), Instant::now(), claim))
 }
 
 /// Sets up logging: warnings on standard error unless `quiet`, and more with each `-v`; `RUST_LOG` selects by module. A file gets at least
@@ -74,9 +91,9 @@ pub fn log_to(verbose: u8, quiet: bool, file: Option<&Path>) -> Result<()> {
     builder.filter_level(level).parse_default_env();
     let by_default = std::env::var_os("RUST_LOG").is_none();
     if let Some(path) = file {
-        let file = File::create(path).map_err(Error::io("writing", path))?;
+        let log = open_log(path)?;
         // It is set once.
-        let _ = LOG.set((Mutex::new(file), Instant::now()));
+        let _ = LOG.set(log);
         if by_default {
             builder.filter_level(level.max(log::LevelFilter::Info));
         }

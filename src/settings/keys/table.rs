@@ -223,7 +223,7 @@ keys! {
     lookup: Lookup = Key::one_of("--lookup", "Output", &[
         ("bilinear", "Between four texels"),
         ("bicubic", "Among sixteen, by Mitchell's filter"),
-    ]).on(&["render"]).or_by("bilinear");
+    ]).on(&["render", "animate", "view"]).or_by("bilinear");
     /// Also write emission, diffuse and specular light as layers of EXR files; they add up to the image exactly.
     summands: bool = Key::switch("--summands", "Output", "false").on(&["render"]);
     /// Exposure of images for display in stops, or auto; each stop doubles the brightness.

@@ -42,6 +42,7 @@ impl<'a> Script<'a> {
         let start = Instant::now();
         let mut scene = scene::load_with(&args.scene, &shown.reading.options())?;
         shown.keys.override_scene(&mut scene, "animate")?;
+        shown.kept.read(&mut scene)?;
         let mut play = match (&args.path, &args.play.animation) {
             (Some(_), None) => None,
             (None, None) => Some(Play::new(&scene, None, "--path")?),
@@ -59,7 +60,9 @@ impl<'a> Script<'a> {
         };
         let settings = moving_settings(&scene.render, still.resolution)?;
         effect::warn(&shown.keys.typed(), &settings, &scene);
-        if mirrors::wanted(&scene.render) && (play.is_some() || !motion.objects.is_empty()) {
+        let moves = play.is_some() || !motion.objects.is_empty();
+        shown.kept.check_still(moves)?;
+        if mirrors::wanted(&scene.render) && moves {
             let message = String::from("images show a scene that stands still, and objects move here; use rays");
             return Err(Error::Setting { name: "--mirror-source", message });
         }

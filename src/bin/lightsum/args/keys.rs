@@ -41,6 +41,11 @@ impl Keys {
     /// Lets them override `[render]` of a scene, which keeps those that the command takes; returns them.
     pub fn override_scene(&self, scene: &mut Scene, command: &str) -> Result<RenderDefaults> {
         let given = self.given()?;
+        let typed = self.typed();
+        // Files may be for several commands.
+        for key in KEYS.iter().filter(|key| typed.has(key.name) && !key.acts_on(command)) {
+            log::warn!("{} has no effect: `{command}` does not take it", key.name);
+        }
         scene.render.override_by(&given);
         scene.render.only_for(command);
         scene.files.extend(self.files.iter().cloned());

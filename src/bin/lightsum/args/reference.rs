@@ -12,7 +12,7 @@ pub struct Reference {
     #[arg(long, conflicts_with_all = [
         "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "split", "no_split", "glossy_paths", "no_glossy_paths", "antialias", "no_antialias",
         "photons", "photon_radius", "interleave_photons", "no_interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "occlusion", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "soft_shadows", "soft_shadow_lights", "mirror_source", "summands", "no_summands",
-        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "no_jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "stats", "preview", "display",
+        "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "no_jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "light_from", "stats", "preview", "display",
     ])]
     pub reference: bool,
     /// Samples per pixel of --reference [default: 64]. Time grows linearly, noise falls with the square root.

@@ -32,7 +32,12 @@ const TASKS: usize = 2;
 pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     input::keep();
     let (script, scene) = Script::new(args)?;
-    refuse_flags(&[(script.job.settings.ring.is_some(), "--ring"), (args.stats.is_some(), "--stats")])?;
+    let kept = args.shown.kept.light_from.is_some();
+    refuse_flags(&[
+        (script.job.settings.ring.is_some(), "--ring"),
+        (args.stats.is_some(), "--stats"),
+        (kept, "--light-from"),
+    ])?;
     let part = script.part();
     let files: Vec<PathBuf> = script.outputs(part.clone()).into_iter().take(1).chain(args.timings.clone()).collect();
     let _claim = claim(&files)?;

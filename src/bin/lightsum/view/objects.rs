@@ -96,7 +96,7 @@ fn edit(ui: &mut Ui, material: &mut Material) {
 
 /// Draws the lights without area; asks for what the user changed.
 pub fn lamps(ui: &mut Ui, session: &Session, requests: &mut Vec<Request>) {
-    let lights = session.scene().map(|scene| scene.lights.as_slice()).unwrap_or_default();
+    let lights = session.editable().map(|scene| scene.lights.as_slice()).unwrap_or_default();
     let mut rest = lights.iter().filter(|light| !matches!(light, Light::Sphere { .. })).count();
     for (index, now) in (0..).zip(lights) {
         let mut changed = *now;

@@ -150,9 +150,12 @@ impl Panel {
         let title = object.map_or(String::from("Object"), |name| format!("Object: {name}"));
         egui::CollapsingHeader::new(title).id_salt("object").default_open(true).show(ui, |ui| match object {
             Some(_) => objects::show(ui, session, requests),
+            None if session.editable().is_none() => drop(ui.label("Objects stay as their light was kept.")),
             None => drop(ui.label("Click an object to choose it.")),
         });
-        if session.scene().is_some_and(|scene| scene.lights.iter().any(|light| !matches!(light, Light::Sphere { .. })))
+        if session
+            .editable()
+            .is_some_and(|scene| scene.lights.iter().any(|light| !matches!(light, Light::Sphere { .. })))
         {
             ui.collapsing("Lights", |ui| objects::lamps(ui, session, requests));
         }

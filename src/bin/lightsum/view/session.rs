@@ -58,6 +58,8 @@ pub struct Session {
     /// The keys recorded so far.
     pub route: Route,
     engine: Engine,
+    /// The scene, where it cannot be edited, since it shows light that was kept.
+    still: Option<Scene>,
     /// Size at which the image is shown, and by how much that of the engine is smaller while the camera moves.
     size: [u32; 2],
     coarser: u32,
@@ -105,6 +107,7 @@ impl Session {
     pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
         let mut scene = scene::load_with(path, &args.shown.reading.options())?;
         args.shown.keys.override_scene(&mut scene, "view")?;
+        args.shown.kept.read(&mut scene)?;
         let camera = camera::choose(&scene, &args.shown.camera, size.or(args.shown.resolution))?;
         let settings = moving_settings(&scene.render, camera.resolution)?;
         effect::warn(&args.shown.keys.typed(), &settings, &scene);
@@ -112,7 +115,15 @@ impl Session {
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
         let pivots = boxes(&scene).into_iter().map(middle).collect();
-        let engine = Engine::new_dynamic(context, scene, camera, settings)?;
+        let (engine, still) = match scene.kept_light {
+            None => (Engine::new_dynamic(context, scene, camera, settings)?, None),
+            Some(_) => {
+                let engine = Engine::new(context, &scene, camera, settings)?;
+                // The engine has what is shown.
+                scene.textures = Vec::new();
+                (engine, Some(scene))
+            }
+        };
         Ok(Session {
             name,
             path: path.to_path_buf(),
@@ -122,6 +133,7 @@ impl Session {
             placed: BTreeMap::new(),
             route: Route::default(),
             engine,
+            still,
             size: camera.resolution,
             coarser: 1,
             origin,
@@ -143,6 +155,11 @@ impl Session {
 
     /// The scene as it is now.
     pub fn scene(&self) -> Option<&Scene> {
+        self.engine.scene().or(self.still.as_ref())
+    }
+
+    /// The scene as it is now, if it can be edited.
+    pub fn editable(&self) -> Option<&Scene> {
         self.engine.scene()
     }
 
@@ -196,7 +213,7 @@ impl Session {
     pub fn pick(&self, at: Vec2) -> Option<(u32, Vec3)> {
         let hit = self.engine.bvh().closest(&navigate::ray(&self.camera(), at.to_array()))?;
         let triangle = self.engine.bvh().scene_triangle(hit.triangle);
-        let object = self.scene()?.triangles.get(triangle as usize)?.object;
+        let object = self.editable()?.triangles.get(triangle as usize)?.object;
         Some((object, self.engine.bvh().position(&hit)))
     }
 
