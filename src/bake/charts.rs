@@ -193,8 +193,10 @@ fn failure(error: &uvunwrap::Error, density: f32, options: &Options) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
-    use crate::scene::builtin;
+    use crate::scene::{Triangle, builtin};
 
     const FRONT: Sides = Sides { front: true, back: false };
 
@@ -234,6 +236,48 @@ mod tests {
                 // Charts stay apart by twice the padding.
                 let place = (face.page, corner.x as i32, corner.y as i32);
                 assert_eq!(*owner.entry(place).or_insert(face.chart), face.chart, "two charts in a texel");
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_without_area_leave_the_others_as_they_are() {
+        // A square, and beside it a triangle of its own.
+        let square = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
+        let alone = [3.0, 4.0, 3.5].map(|x| Vec3::new(x, if x == 3.5 { 1.0 } else { 0.0 }, 0.0));
+        let good = [[0, 1, 2], [0, 2, 3], [4, 5, 6]];
+        let (a, b, c) = (square[0], square[1], 0.5 * square[1]);
+        let far = Vec3::new(-70.0, 30.0, 10.0);
+        let mut expected: Option<Vec<Face>> = None;
+        let ways: [(&str, [Vec3; 3]); 5] = [
+            ("a point", [far; 3]),
+            ("two corners at a place", [far, far, far + Vec3::Y]),
+            ("corners on a line", [far, far + 0.5 * Vec3::X, far + Vec3::X]),
+            ("on an edge of another", [a, c, b]),
+            ("an edge of another, twice", [a, b, b]),
+        ];
+        for (way, corners) in ways {
+            for shared in [false, true] {
+                let mut scene = Scene { objects: vec![String::from("o")], ..Scene::default() };
+                scene.positions.extend(square.iter().chain(&alone).chain(&corners));
+                // With the vertices of the square where they are the same places.
+                let vertex = |k: usize| square.iter().position(|p| shared && *p == corners[k]).unwrap_or(7 + k) as u32;
+                for vertices in good.into_iter().chain([[0, 1, 2].map(vertex)]) {
+                    scene.triangles.push(Triangle { vertices, material: 0, object: 0, smooth: false });
+                }
+                let charts = unwrap(&scene, &[FRONT; 4], 20.0, &Options::default(), &|| false).unwrap();
+                let case = format!("{way}, shared {shared}: {charts:?}");
+                match &expected {
+                    Some(expected) => assert_eq!(charts.faces[..3], expected[..], "{case}"),
+                    None => expected = Some(charts.faces[..3].to_vec()),
+                }
+                assert!((charts.pages.len(), charts.count) == (1, 2) && charts.faces.len() <= 4, "{case}");
+                // It has no place, or one on the chart of the square.
+                let [low, high] = bounds(&charts.faces[..3], 2)[charts.faces[0].chart as usize];
+                for face in &charts.faces[3..] {
+                    let within = face.corners.iter().all(|c| c.cmpge(low).all() && c.cmple(high).all());
+                    assert!(face.chart == charts.faces[0].chart && within, "{case}");
+                }
             }
         }
     }

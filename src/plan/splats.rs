@@ -32,7 +32,11 @@ impl SplatPlan {
     /// Errors: the scene was not made for them.
     pub fn of(settings: &Settings, scene: &DeviceScene, view: &View) -> Result<Option<SplatPlan>> {
         let Some(splats) = settings.splats else { return Ok(None) };
-        if scene.lights_are_complete || scene.kept_light.is_some() {
+        if scene.kept_light.is_some() {
+            log::info!("no splats: with kept light eye paths follow the lobes of glossy surfaces");
+            return Ok(None);
+        }
+        if scene.lights_are_complete {
             log::info!("no splats: the scene's lights hold all reflected light already");
             return Ok(None);
         }

@@ -22,11 +22,11 @@ use crate::support::gpu_test;
 use lightsum::conform::AWKWARD_IMAGES;
 
 /// All lights at every point, without clipping.
-fn plain() -> Settings {
+pub fn plain() -> Settings {
     Settings { clip: Clip::Distance(0.0), compensation: Compensation::Off, ..Settings::plain() }
 }
 
-fn baked(ctx: &Context, scene: &Scene, settings: &Settings, options: Options, passes: u32) -> (Bake, Lightmap) {
+pub fn baked(ctx: &Context, scene: &Scene, settings: &Settings, options: Options, passes: u32) -> (Bake, Lightmap) {
     let bake = Bake::new(ctx, scene, settings.clone(), options).unwrap();
     let image = |i: usize| {
         let mut renderer = bake.renderer(i, None).unwrap();
@@ -38,7 +38,7 @@ fn baked(ctx: &Context, scene: &Scene, settings: &Settings, options: Options, pa
     (bake, light)
 }
 
-fn at_density(density: f32) -> Options {
+pub fn at_density(density: f32) -> Options {
     Options { density: Some(density), ..Options::default() }
 }
 
@@ -139,6 +139,16 @@ pub fn room(screen: bool) -> Scene {
     scene
 }
 
+/// Relative error of an image: of its pixels but the worst 0.5 %, since pixels on edges show one surface or another.
+pub fn error(image: &[Vec3], reference: &[Vec3]) -> f32 {
+    let level = reference.iter().copied().sum::<Vec3>().element_sum() / (3 * reference.len()) as f32;
+    let square = |(a, b): (&Vec3, &Vec3)| (*a - *b).length_squared() / (b.length_squared() + 0.03 * level * level);
+    let mut squares: Vec<f32> = image.iter().zip(reference).map(square).collect();
+    squares.sort_by(f32::total_cmp);
+    squares.truncate(squares.len() * 995 / 1000);
+    (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
+}
+
 #[test]
 fn kept_light_shows_the_image_that_computes_all_of_it() {
     gpu_test(|ctx| {
@@ -153,7 +163,6 @@ fn kept_light_shows_the_image_that_computes_all_of_it() {
             (renderer.layers().unwrap(), renderer.statistics())
         };
         let (reference, _) = image(&scene);
-        let level = reference.color.iter().copied().sum::<Vec3>().element_sum() / (3 * reference.color.len()) as f32;
         let mut errors = Vec::new();
         for density in [6.0, 12.0, 48.0] {
             scene.kept_light = None;
@@ -165,15 +174,7 @@ fn kept_light_shows_the_image_that_computes_all_of_it() {
             scene.kept_light = Some(Arc::new(light.kept(&scene)));
             let (kept, statistics) = image(&scene);
             assert_eq!(statistics.lights_per_pass, 0.0);
-            let errors_of =
-                kept.color.iter().zip(&reference.color).map(|(a, b)| {
-                    ((*a - *b).length_squared() / 3.0) / (b.length_squared() / 3.0 + 0.01 * level * level)
-                });
-            let mut squares: Vec<f32> = errors_of.collect();
-            squares.sort_by(f32::total_cmp);
-            // Pixels on edges show one surface or another.
-            squares.truncate(squares.len() * 995 / 1000);
-            errors.push((squares.iter().sum::<f32>() / squares.len() as f32).sqrt());
+            errors.push(error(&kept.color, &reference.color));
         }
         assert!(errors[2] <= 0.02, "{errors:?}");
         // Shadows of single lights are steps, whose error falls with the root of a texel's width; elsewhere it falls faster.

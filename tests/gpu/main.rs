@@ -28,6 +28,7 @@ mod gpu_layer;
 mod hosts;
 mod importance;
 mod independent;
+mod kept_light;
 mod lens;
 mod light_lists;
 mod memory;

@@ -98,6 +98,18 @@ fn a_furnace_and_a_sphere_are_even() {
         let [emitted, rho] = [patches.iter().map(|p| p.0).sum::<f32>(), patches.iter().map(|p| p.1).sum()];
         let expected = emitted / 8.0 / (1.0 - rho / 8.0);
         assert!((found / expected - 1.0).abs() < 0.03, "{found} for {expected}");
+        // The triangles of an octant follow each other.
+        let kept = light.kept(&scene);
+        let run = all.len() / patches.len();
+        for (octant, (&(own, rho), triangles)) in patches.iter().zip(all.chunks_exact(run)).enumerate() {
+            let of = |triangles: &[u32]| mean(&kept, triangles).iter().sum::<f32>();
+            let ratio = (own + rho * of(triangles)) / (own + rho * expected);
+            assert!((ratio - 1.0).abs() < 0.03, "octant {octant}: {ratio} of its radiosity");
+            // Each triangle has the noise of its few points.
+            let squares = triangles.iter().map(|&t| (of(&[t]) / expected - 1.0).powi(2));
+            let uneven = (squares.sum::<f32>() / run as f32).sqrt();
+            assert!(uneven < 0.08, "octant {octant}: its triangles differ by {uneven}");
+        }
     });
 }
 
