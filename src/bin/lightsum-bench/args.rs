@@ -50,6 +50,8 @@ pub enum Command {
     Shadows(Shadows),
     /// A recorded path through a scene, for each number of glossy reflectors: frame times, shares of the passes, slope.
     Walkthrough(Walkthrough),
+    /// A cluster's master: from packed points, or exact ones, to an image, part by part.
+    Master(Master),
 }
 
 /// Flags common to all subcommands.
@@ -126,6 +128,23 @@ pub struct Edits {
     /// Name of the object to move [default: the one with the most triangles].
     #[arg(long, value_name = "NAME")]
     pub object: Option<String>,
+}
+
+/// Flags of `master`.
+#[derive(Clone, Debug, Args)]
+pub struct Master {
+    /// Scene description (.toml), model (.obj, .ply, .gltf, .glb, .xml), or room:N for a generated room of about N triangles.
+    #[arg(long = "scene", value_name = "SCENE")]
+    #[arg(default_values = ["scenes/cornell/scene.toml", "scenes/glass-ball/scene.toml", "scenes/indirect-room/scene.toml"])]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Tasks of a frame at least, 1 to 4096; one for each class of pixels at least.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub tasks: u32,
+    /// Points are not rounded (--cluster-tasks tiles).
+    #[arg(long)]
+    pub exact: bool,
 }
 
 /// Flags of `convolve`.

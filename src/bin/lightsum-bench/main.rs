@@ -1,5 +1,5 @@
 //! The benchmark: `lightsum-bench frame`, `shadow-rays`, `scaling`, `startup`, `compare`, `edits`, `convolve`, `motion`, `shadows`,
-//! `walkthrough`.
+//! `walkthrough`, `master`.
 //!
 //! Results go to standard output, as tables or with `--json` as one JSON object a line; the rest goes to standard error.
 //! Exit codes: 0 done, 1 failed, 2 wrong use.
@@ -11,6 +11,7 @@ mod compare;
 mod convolve;
 mod edits;
 mod frame;
+mod master;
 mod motion;
 mod passes;
 mod report;
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Motion(args) => motion::run(args),
         Command::Shadows(args) => shadows::run(args),
         Command::Walkthrough(args) => walkthrough::run(args),
+        Command::Master(args) => master::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
