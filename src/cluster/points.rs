@@ -7,14 +7,16 @@
 //!
 //! Cost of a task beside its share of the rays: lights and photons of all classes, and passes over the image that skip its other pixels.
 
+mod columns;
 pub mod packing;
+mod pass;
 
-use std::collections::BTreeSet;
+pub use pass::PassPoints;
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
+use crate::gpu::{Buffer, Context, Memory, Recorder};
 use crate::pass::layout::DispatchCounts;
 use crate::view::{Region, Task};
 
@@ -47,32 +49,68 @@ impl Shape {
         self.size[0] as usize * self.size[1] as usize
     }
 
-    /// Pixels of a task, row by row.
-    fn pixels_of(&self, task: &Task) -> Vec<u32> {
-        let Region { origin: [x, y], size: [width, height] } = task.region;
-        let all = (y..y + height).flat_map(|y| (x..x + width).map(move |x| [x, y]));
-        all.filter(|&at| task.has(at, self.pattern)).map(|[x, y]| x + y * self.size[0]).collect()
+    /// Columns of the pixels of a task in a row.
+    fn row(&self, task: &Task, y: u32) -> impl Iterator<Item = u32> + use<> {
+        let ([across, down], Region { origin: [left, top], size: [width, height] }) = (self.pattern, task.region);
+        let inside = y >= top && y - top < height;
+        let (first, step, has) = match task.class {
+            None => (left, 1, inside),
+            Some(class) => (
+                left + (class % across + across - left % across) % across,
+                across,
+                inside && class / across == y % down,
+            ),
+        };
+        (first..if has { left + width } else { first }).step_by(step as usize)
     }
 
-    /// Those of them that lie in these tiles of 8 x 8 pixels.
-    fn in_tiles<'a>(&self, pixels: &'a [u32], tiles: &'a BTreeSet<u32>) -> impl Iterator<Item = u32> + 'a {
-        let width = self.size[0];
-        let tile_of = move |pixel: u32| pixel % width / 8 + width.div_ceil(8) * (pixel / width / 8);
-        pixels.iter().copied().filter(move |&pixel| tiles.contains(&tile_of(pixel)))
+    /// Pixels of a task, row by row.
+    fn pixels_of(&self, task: &Task) -> impl Iterator<Item = [u32; 2]> {
+        let Region { origin: [_, top], size: [_, height] } = task.region;
+        (top..top + height).flat_map(move |y| self.row(task, y).map(move |x| [x, y]))
     }
 
     fn tile_count(&self) -> u32 {
         self.size[0].div_ceil(8) * self.size[1].div_ceil(8)
     }
 
+    /// Numbers of pixels of a task, and of their second components.
+    fn counts(&self, task: &Task, listed: &Listed) -> [usize; 2] {
+        let pixels = self.pixels_of(task).count();
+        [pixels, self.pixels_of(task).filter(|&at| listed.has(at)).count()]
+    }
+
     /// Slots of a task: its pixels, then their second components in tiles that show mirrors, glass or narrow lobes.
-    fn slots(&self, task: &Task, tiles: &BTreeSet<u32>) -> (usize, Vec<usize>) {
-        let pixels = self.pixels_of(task);
-        let second: Vec<usize> = match self.components {
-            1 => Vec::new(),
-            _ => self.in_tiles(&pixels, tiles).map(|pixel| pixel as usize + self.pixels()).collect(),
-        };
-        (pixels.len(), pixels.iter().map(|&pixel| pixel as usize).chain(second).collect())
+    fn slots(&self, task: &Task, listed: &Listed) -> Vec<usize> {
+        let slot = |[x, y]: [u32; 2]| (x + y * self.size[0]) as usize;
+        let second = self.pixels_of(task).filter(|&at| listed.has(at)).map(|at| slot(at) + self.pixels());
+        self.pixels_of(task).map(slot).chain(second).collect()
+    }
+}
+
+/// Tiles of 8 x 8 pixels that show mirrors, glass or narrow lobes; none where pixels have one component.
+struct Listed {
+    /// Of a row.
+    count: usize,
+    has: Vec<bool>,
+}
+
+impl Listed {
+    /// Of these numbers those that the image has.
+    fn new(shape: &Shape, tiles: &[u32]) -> Listed {
+        let mut has = vec![false; if shape.components > 1 { shape.tile_count() as usize } else { 0 }];
+        tiles.iter().for_each(|&tile| has.get_mut(tile as usize).into_iter().for_each(|has| *has = true));
+        Listed { count: shape.size[0].div_ceil(8) as usize, has }
+    }
+
+    /// Whether a pixel lies in one.
+    fn has(&self, [x, y]: [u32; 2]) -> bool {
+        !self.has.is_empty() && self.has[x as usize / 8 + self.count * (y as usize / 8)]
+    }
+
+    /// Whether a row of pixels meets one.
+    fn is_met_by(&self, y: u32) -> bool {
+        !self.has.is_empty() && self.has[self.count * (y as usize / 8)..][..self.count].contains(&true)
     }
 }
 
@@ -190,8 +228,8 @@ impl PointReader {
             }
         };
         debug_assert_eq!(shape, Shape::of(engine));
-        let listed: BTreeSet<u32> = tiles.iter().copied().collect();
-        let (count, slots) = shape.slots(&self.task, &listed);
+        let listed = Listed::new(&shape, &tiles);
+        let (slots, [count, _]) = (shape.slots(&self.task, &listed), shape.counts(&self.task, &listed));
         let rows = self.rows.read::<[u32; 2]>()?;
         let first = (shape.size[0] * self.task.region.origin[1]) as usize;
         let pixels = (shape.size[0] * self.task.region.size[1]) as usize;
@@ -211,83 +249,5 @@ impl PointReader {
         let of_hits = of_pixels.chunks_exact(pixels);
         let hits = of_hits.flat_map(|array| places[..count].iter().map(|&place| array[place])).collect();
         Ok(TaskPoints { task: self.task, tiles, values, hits })
-    }
-}
-
-/// The shaded points of a pass, put together of those of its tasks.
-pub struct PassPoints {
-    shape: Shape,
-    tiles: BTreeSet<u32>,
-    arrays: Vec<Vec<[u32; 4]>>,
-    hits: Vec<Vec<[u32; 2]>>,
-    missing: usize,
-}
-
-impl PassPoints {
-    /// Without any point.
-    pub fn new(shape: Shape) -> PassPoints {
-        let slots = shape.pixels() * shape.components as usize;
-        PassPoints {
-            shape,
-            tiles: BTreeSet::new(),
-            arrays: vec![vec![[0; 4]; slots]; shape.arrays[0]],
-            hits: vec![vec![[0; 2]; shape.pixels()]; shape.arrays[1]],
-            missing: shape.pixels(),
-        }
-    }
-
-    /// Takes all points away, for another pass.
-    pub fn clear(&mut self) {
-        self.missing = self.shape.pixels();
-        // Pixels will be overwritten; second components, and the tiles that have them, change from pass to pass.
-        let first = self.shape.pixels();
-        self.arrays.iter_mut().for_each(|array| array[first..].fill([0; 4]));
-        self.tiles.clear();
-    }
-
-    /// Whether all pixels are there.
-    pub fn is_complete(&self) -> bool {
-        self.missing == 0
-    }
-
-    /// Takes the points of a task. Errors: they do not fit it.
-    pub fn take(&mut self, points: &TaskPoints) -> Result<()> {
-        points.task.region.check(self.shape.size)?;
-        let listed: BTreeSet<u32> = points.tiles.iter().copied().collect();
-        let (count, slots) = self.shape.slots(&points.task, &listed);
-        let fits = points.values.len() == slots.len() * self.arrays.len()
-            && points.hits.len() == count * self.hits.len()
-            && listed.last().is_none_or(|&tile| tile < self.shape.tile_count())
-            && count <= self.missing;
-        if !fits {
-            return Err(strange());
-        }
-        for (array, values) in self.arrays.iter_mut().zip(points.values.chunks_exact(slots.len().max(1))) {
-            slots.iter().zip(values).for_each(|(&slot, &value)| array[slot] = value);
-        }
-        for (array, hits) in self.hits.iter_mut().zip(points.hits.chunks_exact(count.max(1))) {
-            slots.iter().zip(hits).for_each(|(&slot, &hit)| array[slot] = hit);
-        }
-        self.tiles.extend(listed);
-        self.missing -= count;
-        Ok(())
-    }
-
-    /// Stages the points for the buffers of a frame. Errors: some are missing.
-    pub(crate) fn stage(&self, context: &Context, frame: &Frame) -> Result<Staging> {
-        if !self.is_complete() {
-            let message = format!("{} pixels of the pass are missing", self.missing);
-            return Err(Error::Resource { name: String::from("points"), message });
-        }
-        let mut staging = Staging::new();
-        let [by_slot, by_pixel] = frame.point_buffers();
-        let arrays = by_slot.into_iter().zip(&self.arrays);
-        arrays.into_iter().try_for_each(|(buffer, array)| staging.stage_into(context, buffer, 0, array))?;
-        let hits = by_pixel.into_iter().zip(&self.hits);
-        hits.into_iter().try_for_each(|(buffer, array)| staging.stage_into(context, buffer, 0, array))?;
-        let tiles: Vec<u32> = self.tiles.iter().copied().collect();
-        staging.stage_into(context, &frame.eye.ideal_tiles.entries, 0, &tiles)?;
-        staging.stage_into(context, &frame.eye.ideal_tiles.work, 0, &[DispatchCounts::of_tiles(tiles.len() as u32)])?;
-        Ok(staging)
     }
 }

@@ -17,6 +17,7 @@ const CHUNK: u64 = 64 << 20;
 /// commands are done (the recorder retains it).
 #[derive(Default)]
 pub struct Staging {
+    clears: Vec<Buffer>,
     copies: Vec<Copy>,
     images: Vec<Image>,
     parts: Vec<(Buffer, Image, Vec<LayerPart>)>,
@@ -60,6 +61,22 @@ impl Staging {
         Ok(())
     }
 
+    /// Has a buffer filled with zeros before all copies.
+    pub(crate) fn clear(&mut self, buffer: &Buffer) {
+        self.clears.push(buffer.clone());
+    }
+
+    /// Has bytes of a buffer of [`Memory::Upload`] copied to the same place in another. The host writes them before the copies are recorded, and not
+    /// again until these have been executed.
+    pub(crate) fn copy(&mut self, from: &Buffer, to: &Buffer, range: Range<u64>) -> Result<()> {
+        let bytes = range.end.saturating_sub(range.start);
+        from.check_range(range.start, bytes)?;
+        to.check_range(range.start, bytes)?;
+        let (from, to) = (from.clone(), to.clone());
+        self.copies.push(Copy { from, from_at: range.start, to, to_at: range.start, bytes });
+        Ok(())
+    }
+
     /// Stages ranges of a buffer's whole content. The buffer already holds the other elements.
     pub fn stage_ranges<T: Pod>(
         &mut self,
@@ -100,10 +117,11 @@ impl Staging {
         self.copies.iter().map(|copy| copy.bytes).sum::<u64>() + of_images
     }
 
-    /// Records all copies.
+    /// Records all fills and copies.
     pub fn record(&self, rec: &mut Recorder<'_>) -> Result<()> {
         self.images.iter().try_for_each(|image| rec.image_to_general(image))?;
         self.parts.iter().try_for_each(|(from, image, parts)| rec.copy_to_layers(from, image, parts))?;
+        self.clears.iter().try_for_each(|buffer| rec.fill(buffer, 0))?;
         self.copies.iter().try_for_each(|c| rec.copy_range(&c.from, c.from_at, &c.to, c.to_at, c.bytes))
     }
 }

@@ -31,14 +31,23 @@ impl CameraRays {
 
 /// Oracle: the ray of a pixel.
 pub fn reference(frame: &layout::FrameParameters, pixel: u32) -> Ray {
+    row(frame, pixel / frame.size[0])(pixel % frame.size[0])
+}
+
+/// [`reference`] for the columns of a row.
+pub(crate) fn row(frame: &layout::FrameParameters, row: u32) -> impl Fn(u32) -> Ray {
     let xyz = |a: [f32; 4]| Vec3::new(a[0], a[1], a[2]);
-    let width = frame.size[0];
     let [x, y, whole_width, whole_height] = frame.within;
-    let s = 2.0 * ((pixel % width + x) as f32 + frame.pixel_offset[0]) / whole_width as f32 - 1.0 + frame.shift[0];
-    let t = 1.0 - 2.0 * ((pixel / width + y) as f32 + frame.pixel_offset[1]) / whole_height as f32 + frame.shift[1];
-    let (eye, forward, across) = (xyz(frame.eye), xyz(frame.forward), s * xyz(frame.right) + t * xyz(frame.up));
-    match frame.is_orthographic() {
-        true => Ray { origin: eye + across, t_max: 3.0e38, direction: forward },
-        false => Ray { origin: eye, t_max: 3.0e38, direction: (forward + across).normalize() },
+    let (offset, shift) = (frame.pixel_offset[0], frame.shift[0]);
+    let t = 1.0 - 2.0 * ((row + y) as f32 + frame.pixel_offset[1]) / whole_height as f32 + frame.shift[1];
+    let (eye, forward, right, up) = (xyz(frame.eye), xyz(frame.forward), xyz(frame.right), t * xyz(frame.up));
+    let orthographic = frame.is_orthographic();
+    move |column| {
+        let s = 2.0 * ((column + x) as f32 + offset) / whole_width as f32 - 1.0 + shift;
+        let across = s * right + up;
+        match orthographic {
+            true => Ray { origin: eye + across, t_max: 3.0e38, direction: forward },
+            false => Ray { origin: eye, t_max: 3.0e38, direction: (forward + across).normalize() },
+        }
     }
 }

@@ -83,8 +83,14 @@ impl Renderer {
         }
     }
 
+    /// Writes points where the device reads them, which [`Renderer::pass_from`] does otherwise. Errors: some are missing.
+    pub fn prepare(&mut self, points: &mut PassPoints) -> Result<()> {
+        self.engine.apply_edits()?;
+        points.prepare(&self.context, self.engine.frame())
+    }
+
     /// [`Renderer::pass_of`] with points that others have shaded.
-    pub fn pass_from(&mut self, number: u32, points: &PassPoints) -> Result<bool> {
+    pub fn pass_from(&mut self, number: u32, points: &mut PassPoints) -> Result<bool> {
         self.engine.apply_edits()?;
         self.engine.view().check_tasks(&self.engine.plan().settings)?;
         self.history = None;

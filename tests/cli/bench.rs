@@ -113,6 +113,32 @@ fn a_frame_is_measured_for_every_scene_and_setting() {
 }
 
 #[test]
+fn a_master_is_measured_part_by_part() {
+    let folder = folder();
+    let cornell = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell/scene.toml");
+    for exact in ["", "--exact"] {
+        let line = lines(folder.path(), &format!("master --scene {cornell} {exact}")).remove(0);
+        assert_eq!(
+            (&line["mode"], &line["tasks"], &line["exact"]),
+            (&"master".into(), &9.into(), &(!exact.is_empty()).into())
+        );
+        let parts = line["parts"].as_array().unwrap();
+        let names: Vec<&str> = parts.iter().map(|part| part["part"].as_str().unwrap()).collect();
+        assert_eq!(names, ["unpack", "stage", "pass", "image"]);
+        let sum: f64 = parts.iter().map(|part| positive(&part["wall"]["median_seconds"])).sum();
+        let frame = positive(&line["wall"]["median_seconds"]);
+        assert!((sum / frame - 1.0).abs() < 1e-6, "{sum} s of {frame} s");
+        let rate = positive(&line["megapixels_per_second"]) * positive(&line["processor"]["median_seconds"]);
+        assert!((rate - 16.0 * 12.0 * 1e-6).abs() < 1e-9, "{line}");
+        // A plain point has 20 bytes, an exact one 176, with 8 or 16 for its first hit.
+        let bytes = positive(&line["bytes_per_pixel"]);
+        assert!(if exact.is_empty() { bytes < 40.0 } else { bytes > 176.0 }, "{bytes} bytes a pixel");
+    }
+    let text = text(&succeeds(folder.path(), &format!("master --scene {cornell} {TINY}")).stdout);
+    assert!(["points from bytes", "pass: discontinuity", "Mpixel/s"].iter().all(|word| text.contains(word)), "{text}");
+}
+
+#[test]
 fn tables_are_aligned_and_name_what_they_measure() {
     let folder = folder();
     fs::write(folder.path().join("bare.obj"), BARE).unwrap();

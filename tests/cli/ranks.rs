@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use lightsum::output::FilmFile;
 
-use crate::render::{SCENE, cache, contents, folder, kill, succeeds, text};
+use crate::render::{SCENE, cache, command, contents, folder, kill, succeeds, text};
 
 /// mpirun with the program and its arguments, in a folder.
 fn mpirun(folder: &Path, ranks: usize, arguments: &str) -> Command {
@@ -42,15 +42,18 @@ fn any_number_of_ranks_gives_the_bits_of_one_process() {
         }
     };
     succeeds(folder, &line("whole"));
-    runs(folder, 1, &line("one"));
-    same("one");
-    let output = runs(folder, 3, &format!("{} --checkpoint 0.05 --stats s.json", line("three")));
-    same("three");
-    assert!(text(&output.stdout).contains("5 passes on 3 ranks"), "{}", text(&output.stdout));
-    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("s.json")).unwrap()).unwrap();
-    let passes: u64 =
-        stats["ranks"].as_array().unwrap().iter().map(|rank| rank["work"]["passes"].as_u64().unwrap()).sum();
-    assert_eq!((passes, &stats["master"]["passes"]), (5, &5.into()));
+    runs(folder, 1, &line("alone"));
+    same("alone");
+    for ranks in [2, 3, 5, 8] {
+        let output = runs(folder, ranks, &format!("{} --checkpoint 0.05 --stats s.json", line("parts")));
+        same("parts");
+        let said = text(&output.stdout);
+        assert!(said.contains(&format!("5 passes on {ranks} ranks")), "{said}");
+        let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("s.json")).unwrap()).unwrap();
+        let passes = |rank: &serde_json::Value| rank["work"]["passes"].as_u64().unwrap();
+        let passes: u64 = stats["ranks"].as_array().unwrap().iter().map(passes).sum();
+        assert_eq!((passes, &stats["master"]["passes"]), (5, &5.into()), "{ranks} ranks");
+    }
     assert!(!contents(folder).keys().any(|name| name.contains(".film") || name.contains(".tmp")));
     // More ranks than passes, which have the files of their own machine, and a film.
     runs(folder, 4, "render scene.toml -o two.film --particles 8 --passes 2 --local-scene");
@@ -103,6 +106,40 @@ fn ranks_need_no_files_of_their_own() {
     three.args([":", "-n", "1", "-wdir"]).arg(elsewhere.path()).arg(program).args(local.split_whitespace());
     let output = three.output().unwrap();
     refused((output.status.success(), text(&output.stderr)), &["error: rank 2 on", "--local-scene"]);
+}
+
+/// Rank 2 has the driver of the processor compute by vectors of half the width, which is another device to Vulkan. On a device that is not the processor it
+/// changes nothing.
+#[test]
+fn a_rank_with_another_device_is_warned_of_and_named_in_the_image() {
+    let folder = folder();
+    let folder = folder.path();
+    let line = "render scene.toml -o a.exr --particles 8 --passes 4 --device cpu";
+    let [device, narrow] = ["", "128"].map(|width| {
+        let mut command =
+            command(folder, "render scene.toml -o alone.exr --particles 2 --passes 1 --device cpu --stats s.json");
+        if !width.is_empty() {
+            command.env("LP_NATIVE_VECTOR_WIDTH", width);
+        }
+        assert!(command.output().unwrap().status.success());
+        let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("s.json")).unwrap()).unwrap();
+        stats["device"].as_str().unwrap().to_owned()
+    });
+    assert_ne!(device, narrow);
+    let mut command = Command::new("mpirun");
+    command.args(["--allow-run-as-root", "--oversubscribe", "--bind-to", "none"]);
+    for (i, variable) in [None, None, Some("LP_NATIVE_VECTOR_WIDTH=128")].into_iter().enumerate() {
+        command.args(if i > 0 { &[":", "-n", "1"][..] } else { &["-n", "1"] });
+        command.args(variable.into_iter().flat_map(|variable| ["-x", variable]));
+        command.arg(env!("CARGO_BIN_EXE_lightsum")).args(line.split_whitespace());
+    }
+    command.current_dir(folder).env_remove("RUST_LOG").env("XDG_CACHE_HOME", cache());
+    let output = command.output().unwrap();
+    let message = text(&output.stderr);
+    assert!(output.status.success(), "{message}");
+    assert!(message.contains("rank 2 renders by") && message.contains("last bits"), "{message}");
+    let note = text(&fs::read(folder.join("a.exr")).unwrap());
+    assert!(note.contains(&device) && note.contains(&narrow), "{device} and {narrow} are not in the image");
 }
 
 fn wait_for(film: &Path) {
@@ -198,7 +235,7 @@ fn tiles_of_an_animation_have_the_frames_of_one_process() {
     let settings = "--preset interactive --particles 8 --compensation exact --superposition off";
     let flags = format!("--path p.toml --moving-passes 2 --exposure auto {settings}");
     succeeds(folder, &format!("animate scene.toml -o a-%d.png {flags}"));
-    for ranks in [2, 3, 5] {
+    for ranks in [2, 3, 5, 8] {
         let tiles = format!("animate scene.toml -o b-%d.png {flags} --cluster-tasks tiles --timings t.json");
         runs(folder, ranks, &tiles);
         for frame in 0..5 {

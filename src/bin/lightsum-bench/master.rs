@@ -22,7 +22,7 @@ use crate::scene;
 /// The parts of a frame in order: key and label in the table.
 const PARTS: [(&str, &str); 4] = [
     ("unpack", "points from bytes"),
-    ("take", "tasks put together"),
+    ("stage", "points row by row"),
     ("pass", "upload, filter, film"),
     ("image", "image read back"),
 ];
@@ -95,17 +95,15 @@ impl Sent {
         };
         points.clear();
         master.engine_mut().restart();
-        lap(1);
         for (task, load) in &self.loads {
-            let received = match self.exact {
-                true => TaskPoints::from_bytes(*task, load)?,
-                false => TaskPoints::unpack(*task, &self.shape, load)?,
-            };
-            lap(0);
-            points.take(&received)?;
-            drop(received);
-            lap(1);
+            match self.exact {
+                true => points.take(TaskPoints::from_bytes(*task, load)?)?,
+                false => points.take_packed(*task, load)?,
+            }
         }
+        lap(0);
+        master.prepare(points)?;
+        lap(1);
         master.pass_from(0, points)?;
         lap(2);
         let image = master.image(Wanted::Color)?;

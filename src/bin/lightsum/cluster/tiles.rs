@@ -52,8 +52,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let (mut progress, processor) = (Progress::new(), ProcessTime::now());
     let mut order = Order::new(&mut player.script, part.clone());
     let packed = args.cluster_tasks == ClusterTasks::PackedTiles;
-    let mut given =
-        Given { tasks, shape, packed, passes: VecDeque::new(), of_rank: BTreeMap::new(), class: BTreeMap::new() };
+    let mut given = Given { tasks, packed, passes: VecDeque::new(), of_rank: BTreeMap::new(), class: BTreeMap::new() };
     for _ in 0..AHEAD {
         given.begin(order.next(&mut player.script), PassPoints::new(shape));
     }
@@ -71,7 +70,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
         if first.points.is_complete() {
             let Some(mut pass) = given.passes.pop_front() else { break };
             let start = Instant::now();
-            let done = finish(&mut player, &pass, &mut edit);
+            let done = finish(&mut player, &mut pass, &mut edit);
             filtering += start.elapsed().as_secs_f64();
             passes += 1;
             match done {
@@ -136,7 +135,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
 
 /// Filters a pass and adds it to its frame; after the last pass of it writes its image and returns its times. `edit`: seconds that it took to
 /// place what moves in it.
-fn finish(player: &mut Player, pass: &Pass, edit: &mut f64) -> Result<Option<Value>> {
+fn finish(player: &mut Player, pass: &mut Pass, edit: &mut f64) -> Result<Option<Value>> {
     let Step { frame, pass: number, of_frame } = pass.step;
     if of_frame == 0 {
         *edit = player.place(frame)?;
@@ -144,7 +143,7 @@ fn finish(player: &mut Player, pass: &Pass, edit: &mut f64) -> Result<Option<Val
     if number == 0 {
         player.renderer.engine_mut().restart();
     }
-    player.renderer.pass_from(number, &pass.points)?;
+    player.renderer.pass_from(number, &mut pass.points)?;
     if of_frame + 1 < player.script.job.settings.moving_passes {
         return Ok(None);
     }
@@ -214,7 +213,6 @@ struct Pass {
 struct Given {
     /// Those of each pass.
     tasks: Vec<Task>,
-    shape: Shape,
     /// Whether points come in few bytes.
     packed: bool,
     passes: VecDeque<Pass>,
@@ -250,12 +248,10 @@ impl Given {
     /// Takes what a rank has shaded. Errors: it is not what it was asked for.
     fn take(&mut self, rank: usize, shade: &Shade, load: &[u8]) -> Result<()> {
         let asked = self.of_rank.remove(&rank);
-        let (shape, packed) = (self.shape, self.packed);
+        let packed = self.packed;
         match self.pass_of(shade).filter(|_| asked == Some(*shade)) {
-            Some(pass) => pass.points.take(&match packed {
-                true => TaskPoints::unpack(shade.task, &shape, load)?,
-                false => TaskPoints::from_bytes(shade.task, load)?,
-            }),
+            Some(pass) if packed => pass.points.take_packed(shade.task, load),
+            Some(pass) => pass.points.take(TaskPoints::from_bytes(shade.task, load)?),
             None => {
                 let message = format!("rank {rank} shaded {shade:?} and was asked for {asked:?}");
                 Err(Error::Resource { name: String::from("MPI"), message })
@@ -270,5 +266,74 @@ impl Given {
         {
             pass.left.push_front(shade.task);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lightsum::settings::Settings;
+
+    use super::*;
+
+    /// Clients of random speeds, as many as there are classes at most, keep to few classes: about two in a frame (Wald et al. 2002, 4.2).
+    #[test]
+    fn clients_keep_to_few_classes() {
+        let settings = Settings { pattern: [3, 3], ..Settings::interactive() };
+        let shape = Shape { size: [96, 96], pattern: [3, 3], components: 1, arrays: [11, 0] };
+        for clients in [1, 2, 4, 8, 16] {
+            let tasks = Task::cut(&settings, shape.size, (TASKS * clients) as u32);
+            let of_pass = tasks.len();
+            let mut given = Given {
+                tasks,
+                packed: false,
+                passes: VecDeque::new(),
+                of_rank: BTreeMap::new(),
+                class: BTreeMap::new(),
+            };
+            let frames = 20;
+            let mut classes: BTreeMap<(usize, u32), BTreeSet<Option<u32>>> = BTreeMap::new();
+            // Seconds at which each client asks again; one takes up to twice as long as another.
+            let mut busy: Vec<(f64, usize)> = (1..=clients).map(|rank| (0.0, rank)).collect();
+            let mut begun = 0;
+            for task in 0..frames * of_pass {
+                if given.passes.iter().all(|pass| pass.left.is_empty()) {
+                    given.passes.clear();
+                    given.begin(Some(Step { frame: begun, pass: 0, of_frame: 0 }), PassPoints::new(shape));
+                    begun += 1;
+                }
+                busy.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let (time, rank) = &mut busy[0];
+                let shade = given.next(*rank).unwrap();
+                *time += 1.0 + (*rank * 7 % clients) as f64 / clients as f64 + (task * 5 % 11) as f64 / 110.0;
+                classes.entry((*rank, shade.frame)).or_default().insert(shade.task.class);
+            }
+            let mean = classes.values().map(BTreeSet::len).sum::<usize>() as f64 / classes.len() as f64;
+            println!("{clients} clients, {of_pass} tasks a pass: {mean:.2} classes of a client in a frame");
+            // A client alone has all of them; several share them.
+            let most = (9.0 / clients as f64).max(2.0) + 0.5;
+            assert!(mean <= most, "{clients} clients have {mean} classes each");
+        }
+    }
+
+    #[test]
+    fn tasks_of_a_lost_rank_are_given_out_again() {
+        let shape = Shape { size: [24, 24], pattern: [3, 3], components: 1, arrays: [11, 0] };
+        let tasks = Task::cut(&Settings { pattern: [3, 3], ..Settings::interactive() }, shape.size, 1);
+        let mut given = Given {
+            tasks: tasks.clone(),
+            packed: false,
+            passes: VecDeque::new(),
+            of_rank: BTreeMap::new(),
+            class: BTreeMap::new(),
+        };
+        given.begin(Some(Step { frame: 0, pass: 0, of_frame: 0 }), PassPoints::new(shape));
+        let first = given.next(1).unwrap();
+        given.lost(1);
+        let mut all: Vec<Task> = std::iter::from_fn(|| given.next(2)).map(|shade| shade.task).collect();
+        assert_eq!((all.len(), all[0]), (tasks.len(), first.task));
+        all.sort_by_key(|task| task.class);
+        assert_eq!(all, tasks);
+        // An answer to another task than the rank has.
+        assert!(given.take(2, &first, &[]).is_err());
     }
 }

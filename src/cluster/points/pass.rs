@@ -1,0 +1,264 @@
+//! The shaded points of a pass, from those of its tasks, in the memory that a device reads.
+//!
+//! They stay as they came in until all are there, and are then written row by row, each row once: tasks of a row take turns in
+//! memory that the processor keeps at hand.
+
+use std::ops::Range;
+
+use super::packing::{ARRAYS, Columns, Cursor, Packed, ZERO_IF_PLAIN};
+use super::{Listed, Shape, TaskPoints, strange};
+use crate::error::{Error, Result};
+use crate::frame::Frame;
+use crate::gpu::{Buffer, Context, Memory, Staging};
+use crate::pass::camera_rays;
+use crate::pass::layout::DispatchCounts;
+use crate::view::Task;
+
+/// The points of a task as they came in.
+struct Part {
+    task: Task,
+    /// Their number, without second components.
+    pixels: usize,
+    listed: Listed,
+    form: Form,
+}
+
+enum Form {
+    Exact(TaskPoints),
+    Columns(Box<Columns>),
+}
+
+/// The shaded points of a pass, put together of those of its tasks.
+pub struct PassPoints {
+    shape: Shape,
+    parts: Vec<Part>,
+    tiles: Vec<u32>,
+    missing: usize,
+    /// What a device copies; made with the first pass.
+    buffers: [Vec<Buffer>; 2],
+    /// Rows of each array that they have for this pass, component by component; the others are zeros, or nobody's. `None`: the points are not written yet.
+    written: Option<Vec<Vec<Range<u32>>>>,
+}
+
+impl PassPoints {
+    /// Without any point.
+    pub fn new(shape: Shape) -> PassPoints {
+        let missing = shape.pixels();
+        PassPoints {
+            shape,
+            parts: Vec::new(),
+            tiles: Vec::new(),
+            missing,
+            buffers: [Vec::new(), Vec::new()],
+            written: None,
+        }
+    }
+
+    /// Takes all points away, for another pass.
+    pub fn clear(&mut self) {
+        self.missing = self.shape.pixels();
+        self.parts.clear();
+        self.tiles.clear();
+        self.written = None;
+    }
+
+    /// Whether all pixels are there.
+    pub fn is_complete(&self) -> bool {
+        self.missing == 0
+    }
+
+    /// Takes the points of a task. Errors: they do not fit it.
+    pub fn take(&mut self, points: TaskPoints) -> Result<()> {
+        points.task.region.check(self.shape.size)?;
+        let listed = Listed::new(&self.shape, &points.tiles);
+        let [pixels, second] = self.shape.counts(&points.task, &listed);
+        let [by_slot, by_pixel] = self.shape.arrays;
+        if points.values.len() != (pixels + second) * by_slot || points.hits.len() != pixels * by_pixel {
+            return Err(strange());
+        }
+        let tiles = points.tiles.clone();
+        self.add(points.task, pixels, &tiles, Form::Exact(points))
+    }
+
+    /// Takes the points of a task from [`TaskPoints::pack`]. Errors: those of [`TaskPoints::unpack`].
+    pub fn take_packed(&mut self, task: Task, bytes: &[u8]) -> Result<()> {
+        match Columns::unpack(task, &self.shape, bytes)? {
+            Packed::Exact(points) => self.take(points),
+            Packed::Columns(tiles, columns) => self.add(task, columns.second.next, &tiles, Form::Columns(columns)),
+        }
+    }
+
+    fn add(&mut self, task: Task, pixels: usize, tiles: &[u32], form: Form) -> Result<()> {
+        if pixels > self.missing || tiles.iter().any(|&tile| tile >= self.shape.tile_count()) {
+            return Err(strange());
+        }
+        self.parts.push(Part { task, pixels, listed: Listed::new(&self.shape, tiles), form });
+        self.tiles.extend_from_slice(tiles);
+        self.missing -= pixels;
+        Ok(())
+    }
+
+    /// Writes the points for the buffers of a frame, always of the same device, unless that is done. Errors: some points are missing.
+    pub(crate) fn prepare(&mut self, context: &Context, frame: &Frame) -> Result<()> {
+        if !self.is_complete() {
+            let message = format!("{} pixels of the pass are missing", self.missing);
+            return Err(Error::Resource { name: String::from("points"), message });
+        }
+        if self.written.is_some() {
+            return Ok(());
+        }
+        self.tiles.sort_unstable();
+        self.tiles.dedup();
+        for (own, device) in self.buffers.iter_mut().zip(frame.point_buffers()) {
+            if own.len() != device.len() {
+                let buffer = |of: &&Buffer| {
+                    Buffer::new(context, &format!("{} (staging)", of.name()), of.bytes(), Memory::Upload)
+                };
+                *own = device.iter().map(buffer).collect::<Result<_>>()?;
+            }
+        }
+        self.written = Some(self.write()?);
+        Ok(())
+    }
+
+    /// Stages the points for the buffers of a frame. Second components outside of the tiles of all tasks are
+    /// left as they are: nothing reads them. Errors: those of [`PassPoints::prepare`].
+    pub(crate) fn stage(&mut self, context: &Context, frame: &Frame) -> Result<Staging> {
+        self.prepare(context, frame)?;
+        let device = frame.point_buffers();
+        let mut staging = Staging::new();
+        let row = 16 * u64::from(self.shape.size[0]);
+        for (i, rows) in self.written.iter().flatten().enumerate() {
+            let (array, component) = (i % ARRAYS, (i / ARRAYS) as u64);
+            let (from, to) = (&self.buffers[0][array], device[0][array]);
+            if component == 0 && rows.iter().map(ExactSizeIterator::len).sum::<usize>() < self.shape.size[1] as usize {
+                staging.clear(to);
+            }
+            let first = component * 16 * self.shape.pixels() as u64;
+            for rows in rows {
+                staging.copy(from, to, first + row * u64::from(rows.start)..first + row * u64::from(rows.end))?;
+            }
+        }
+        for (from, to) in self.buffers[1].iter().zip(&device[1]) {
+            staging.copy(from, to, 0..from.bytes())?;
+        }
+        staging.stage_into(context, &frame.eye.ideal_tiles.entries, 0, &self.tiles)?;
+        let counts = DispatchCounts::of_tiles(self.tiles.len() as u32);
+        staging.stage_into(context, &frame.eye.ideal_tiles.work, 0, &[counts])?;
+        Ok(staging)
+    }
+
+    /// Writes all points into the buffers; returns the rows that have been.
+    fn write(&self) -> Result<Vec<Vec<Range<u32>>>> {
+        let [width, height] = self.shape.size;
+        let listed = Listed::new(&self.shape, &self.tiles);
+        let (components, row_bytes) = (self.shape.components as usize, 16 * u64::from(width));
+        let mut filled = vec![Vec::new(); ARRAYS * components];
+        let mut walkers: Vec<Walker> = self.parts.iter().map(Walker::new).collect();
+        let mut rows = Rows {
+            values: vec![vec![[0; 4]; width as usize]; ARRAYS * components],
+            hits: vec![vec![[0; 2]; width as usize]; self.shape.arrays[1]],
+            plain: true,
+        };
+        for y in 0..height {
+            let has_second = listed.is_met_by(y);
+            if has_second {
+                rows.values[ARRAYS..].iter_mut().for_each(|row| row.fill([0; 4]));
+            }
+            rows.plain = true;
+            walkers.iter_mut().for_each(|walker| walker.write(&self.shape, y, &mut rows));
+            for (i, row) in rows.values.iter().enumerate() {
+                let (array, component) = (i % ARRAYS, i / ARRAYS);
+                let is_written = match component {
+                    0 => !(rows.plain && ZERO_IF_PLAIN.contains(&array)),
+                    _ => has_second,
+                };
+                if is_written {
+                    let at = u64::from(y) * row_bytes + (component * 16 * self.shape.pixels()) as u64;
+                    self.buffers[0][array].write(at, bytemuck::cast_slice(row))?;
+                    extend(&mut filled[i], y);
+                }
+            }
+            for (buffer, row) in self.buffers[1].iter().zip(&rows.hits) {
+                buffer.write(8 * u64::from(y) * u64::from(width), bytemuck::cast_slice(row))?;
+            }
+        }
+        Ok(filled)
+    }
+}
+
+/// Appends a row to the runs of rows before it.
+fn extend(runs: &mut Vec<Range<u32>>, row: u32) {
+    match runs.last_mut() {
+        Some(last) if last.end == row => last.end += 1,
+        _ => runs.push(row..row + 1),
+    }
+}
+
+/// Values of a row of pixels: array by array, those of second components after those of first ones.
+struct Rows {
+    values: Vec<Vec<[u32; 4]>>,
+    hits: Vec<Vec<[u32; 2]>>,
+    /// Whether all first components are plain.
+    plain: bool,
+}
+
+/// Goes through the points of a task, row by row.
+struct Walker<'a> {
+    part: &'a Part,
+    first: Cursor,
+    second: Cursor,
+}
+
+impl Walker<'_> {
+    fn new(part: &Part) -> Walker<'_> {
+        let second = match &part.form {
+            Form::Columns(columns) => columns.second,
+            Form::Exact(_) => Cursor::at(part.pixels),
+        };
+        Walker { part, first: Cursor::default(), second }
+    }
+
+    /// Writes the next row.
+    fn write(&mut self, shape: &Shape, y: u32, rows: &mut Rows) {
+        let (task, listed) = (&self.part.task, &self.part.listed);
+        match &self.part.form {
+            Form::Exact(points) => {
+                let slots = points.values.len() / ARRAYS;
+                let write = |rows: &mut [Vec<[u32; 4]>], x: u32, cursor: &mut Cursor| {
+                    let values = points.values.iter().skip(cursor.next).step_by(slots);
+                    rows.iter_mut().zip(values).for_each(|(row, value)| row[x as usize] = *value);
+                    cursor.next += 1;
+                };
+                for x in shape.row(task, y) {
+                    for (array, row) in rows.hits.iter_mut().enumerate() {
+                        row[x as usize] = points.hits[array * self.part.pixels + self.first.next];
+                    }
+                    write(&mut rows.values[..ARRAYS], x, &mut self.first);
+                    rows.plain = false;
+                    if listed.has([x, y]) {
+                        write(&mut rows.values[ARRAYS..], x, &mut self.second);
+                    }
+                }
+            }
+            Form::Columns(columns) => {
+                let ray = camera_rays::row(&columns.parameters, y);
+                let write = |rows: &mut [Vec<[u32; 4]>], x: u32, cursor: &mut Cursor| {
+                    let point = columns.next(cursor, || ray(x));
+                    let values = point.iter().map(|value| value.to_array().map(f32::to_bits));
+                    rows.iter_mut().zip(values).for_each(|(row, value)| row[x as usize] = value);
+                };
+                for x in shape.row(task, y) {
+                    for (array, row) in rows.hits.iter_mut().enumerate() {
+                        row[x as usize] = columns.hits[array * self.part.pixels + self.first.next];
+                    }
+                    rows.plain &= columns.is_plain(&self.first);
+                    write(&mut rows.values[..ARRAYS], x, &mut self.first);
+                    if listed.has([x, y]) {
+                        write(&mut rows.values[ARRAYS..], x, &mut self.second);
+                    }
+                }
+            }
+        }
+    }
+}
