@@ -1,7 +1,7 @@
 //! Shaded points in few bytes (Wald et al. 2002, 4.2), with bounded errors.
 //!
 //! A plain point, whose eye ray ends on a diffuse surface, takes 20 bytes: flags 1, albedo 3, normal 4, distance 4, direct and indirect irradiance 4
-//! each; its first hit, where edges are antialiased, 8 more. Its place follows from the ray. Points with more to tell (emission, lobes, a shading
+//! each; its first hit, where edges are antialiased, 5 to 9 more. Its place follows from the ray. Points with more to tell (emission, lobes, a shading
 //! normal of their own, and all below) take 33 bytes more, and those whose place and path do not follow from the pixel's ray (in mirrors, behind glass, all
 //! second components) another 21. [Columns](self::super::columns) of what is left after a guess from the neighbours are then compressed (zlib).
 //!
@@ -10,7 +10,8 @@
 //! | irradiance, emission, throughput, specular radiance | three mantissas of 9 bits, a shared exponent of 5 | 2^-9 of the largest component; below 2^-38 of the task's largest, that |
 //! | albedo, specular reflectance | 8 bits | 1/510 |
 //! | normals, directions | octahedral, 2 x 16 bits | length [`NORMAL_ERROR`] |
-//! | distance, alpha, f90, probability, first hits | 32 bits | 0 |
+//! | alpha, f90, probability, triangles of first hits | 32 bits | 0 |
+//! | distances, those of first hits too | 26 bits | relative, [`DEPTH_ERROR`] |
 //! | position on the pixel's ray | ray and distance | [`POSITION_ERROR`] of the scene's scale |
 //! | other positions | 3 x 24 bits | 2^-17 of the scale, less than that |
 //! | depth | from the ray, or 26 bits | relative, [`DEPTH_ERROR`] |
@@ -41,7 +42,7 @@ use crate::view::Task;
 pub const NORMAL_ERROR: f32 = 6.5e-5;
 /// Error of a position, relative to the scale of the scene's coordinates, [`FrameParameters::eye`]: that of the offset of ray origins.
 pub const POSITION_ERROR: f32 = 2e-5;
-/// Relative error of a depth.
+/// Relative error of a depth or distance: 2^-18 by rounding, and that of a depth that is told by the ray and its distance.
 pub const DEPTH_ERROR: f32 = 1e-5;
 
 /// Forms of the bytes.
@@ -99,7 +100,8 @@ fn is_off_ray(parameters: &FrameParameters, point: &Point, pixel: u32) -> bool {
     let code = encode_normal(point[GEOMETRIC].truncate());
     let normal = decode_normal([code as u16, (code >> 16) as u16]);
     let ray = camera_rays::reference(parameters, pixel);
-    let (position, wo, depth) = on_ray(parameters, &ray, point[POSITION].w, normal);
+    let distance = decode_depth(encode_depth(point[POSITION].w));
+    let (position, wo, depth) = on_ray(parameters, &ray, distance, normal);
     let hit = flags(point) & ShadingPoints::HIT != 0;
     let apart = (position - point[POSITION]).truncate().abs().max_element();
     let [found, exact] = [depth, point[THROUGHPUT].w];
@@ -202,8 +204,14 @@ impl Columns {
 
         let mut hits = Vec::with_capacity(pixels * shape.arrays[1]);
         for _ in 0..shape.arrays[1] {
-            let (triangles, differences) = (get::<u32, 4>(bytes, pixels)?, get::<u32, 4>(bytes, pixels)?);
-            hits.extend((0..pixels).map(|i| [triangles[i], differences[i] ^ distances[i]]));
+            let (triangles, is_other) = (get::<u32, 4>(bytes, pixels)?, get::<u8, 1>(bytes, pixels)?);
+            let count = is_other.iter().filter(|&&is_other| is_other != 0).count();
+            let mut others = get::<u32, 4>(bytes, count)?.into_iter();
+            let code = |i: usize| if is_other[i] != 0 { others.next().unwrap_or(0) } else { distances[i] };
+            let codes: Vec<u32> = (0..pixels).map(code).collect();
+            hits.extend(
+                triangles.into_iter().zip(codes).map(|(triangle, code)| [triangle, decode_depth(code).to_bits()]),
+            );
         }
         let steps = Steps::of(parameters.eye[3]);
         let second = Cursor { next: pixels, rich: rich_pixels, off_ray: off_ray_pixels };
@@ -256,8 +264,7 @@ impl Columns {
     pub(super) fn next(&self, cursor: &mut Cursor, ray: impl FnOnce() -> Ray) -> Point {
         let i = cursor.next;
         cursor.next += 1;
-        let (flags, distance, normal) =
-            (u32::from(self.flags[i]), f32::from_bits(self.distances[i]), self.normals.at(i));
+        let (flags, distance, normal) = (u32::from(self.flags[i]), decode_depth(self.distances[i]), self.normals.at(i));
         let mut point = [Vec4::ZERO; ARRAYS];
         let kd = Vec3::from_array(self.kd.each_ref().map(|axis| share(axis[i])));
         [point[DIRECT], point[INDIRECT]] = self.light.each_ref().map(|light| light.at(i).extend(0.0));
@@ -313,7 +320,7 @@ impl TaskPoints {
             Some(columns) => (PACKED, columns),
             None => (EXACT, self.to_bytes()),
         };
-        let mut encoder = ZlibEncoder::new(vec![form], Compression::fast());
+        let mut encoder = ZlibEncoder::new(vec![form], Compression::default());
         // Memory takes all bytes.
         encoder.write_all(&bytes).and_then(|()| encoder.finish()).unwrap_or_default()
     }
@@ -393,7 +400,7 @@ impl TaskPoints {
         put::<1>(&mut out, &marked.collect::<Vec<_>>());
         shares(&mut out, &points, KD);
         directions(&mut out, &points, GEOMETRIC);
-        put::<4>(&mut out, &of(&points, &|point| point[POSITION].w.to_bits()));
+        put::<4>(&mut out, &of(&points, &|point| encode_depth(point[POSITION].w)));
         [DIRECT, INDIRECT].into_iter().for_each(|array| colors(&mut out, &points, array));
 
         let chosen = |which: &[bool]| -> Vec<Point> {
@@ -421,8 +428,15 @@ impl TaskPoints {
         colors(&mut out, &off_ray, THROUGHPUT);
         for hits in self.hits.chunks(pixels.max(1)) {
             put::<4>(&mut out, &hits.iter().map(|hit| hit[0]).collect::<Vec<_>>());
-            let apart = hits.iter().zip(&points).map(|(hit, point)| hit[1] ^ point[POSITION].w.to_bits());
-            put::<4>(&mut out, &apart.collect::<Vec<_>>());
+            // Those of points on their rays are those of the points.
+            let codes = hits.iter().map(|hit| encode_depth(f32::from_bits(hit[1])));
+            let codes: Vec<(u32, bool)> =
+                codes.zip(&points).map(|(code, point)| (code, code != encode_depth(point[POSITION].w))).collect();
+            put::<1>(&mut out, &codes.iter().map(|(_, is_other)| u32::from(*is_other)).collect::<Vec<_>>());
+            put::<4>(
+                &mut out,
+                &codes.iter().filter(|(_, is_other)| *is_other).map(|(code, _)| *code).collect::<Vec<_>>(),
+            );
         }
         Some(out)
     }
