@@ -13,7 +13,7 @@ The model: ranks shade or render while the master filters or writes, so that
     seconds of a frame = max(work / clients, master + bytes / bandwidth, (work + master) / cores)
 
 with work, master and bytes of a frame as fitted to what was measured: master and bytes are the means, work is a + b tasks, where b is what a task costs
-beside its pixels. For this machine the number of cores is its own and the bandwidth endless; a cluster has a core for each rank, and a bandwidth
+beside its pixels. For this machine the number of cores is that which the script may use and the bandwidth endless; a cluster has a core for each rank, and a bandwidth
 (--bandwidth, bytes a second).
 """
 
@@ -95,7 +95,7 @@ def main():
     program = str(Path(options.program).resolve())
     width, height = (int(n) for n in options.resolution.split("x"))
     counts = [int(n) for n in options.clients.split(",")]
-    here = os.cpu_count()
+    here = len(os.sched_getaffinity(0))
     print("| scene | clients | tasks/frame | processor s/frame | bytes/pixel | master ms/frame | frames/s | model |")
     print("|---|---|---|---|---|---|---|---|")
     limits = []
