@@ -126,9 +126,9 @@ fn a_master_is_measured_part_by_part() {
         let names: Vec<&str> = parts.iter().map(|part| part["part"].as_str().unwrap()).collect();
         assert_eq!(names, ["unpack", "stage", "pass", "image"]);
         let sum: f64 = parts.iter().map(|part| positive(&part["wall"]["median_seconds"])).sum();
-        let frame = positive(&line["wall"]["median_seconds"]);
+        let frame = positive(&line["frame"]["wall"]["median_seconds"]);
         assert!((sum / frame - 1.0).abs() < 1e-6, "{sum} s of {frame} s");
-        let rate = positive(&line["megapixels_per_second"]) * positive(&line["processor"]["median_seconds"]);
+        let rate = positive(&line["megapixels_per_second"]) * positive(&line["frame"]["processor"]["median_seconds"]);
         assert!((rate - 16.0 * 12.0 * 1e-6).abs() < 1e-9, "{line}");
         // A plain point has 20 bytes, an exact one 176, with 8 or 16 for its first hit.
         let bytes = positive(&line["bytes_per_pixel"]);

@@ -177,8 +177,7 @@ impl Measured {
             "pack_seconds": sent.pack,
             "parts": parts.collect::<Vec<_>>(),
             "gpu_passes": gpu.collect::<Vec<_>>(),
-            "wall": report::summary(&self.frames[0]),
-            "processor": report::summary(&self.frames[1]),
+            "frame": { "wall": report::summary(&self.frames[0]), "processor": report::summary(&self.frames[1]) },
             "megapixels_per_second": megapixels(camera, report::median(&self.frames[1])),
             "repeats": args.common.repeats,
         })
