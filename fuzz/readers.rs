@@ -11,18 +11,19 @@ use std::sync::{Mutex, PoisonError};
 use lightsum::accel::Bvh;
 use lightsum::estimate::History;
 use lightsum::film::HostFilm;
-use lightsum::output::State;
+use lightsum::output::{FilmFile, Merger, State};
 use lightsum::scene::path::Motion;
 use lightsum::scene::{ReadOptions, Scene};
+use lightsum::settings::RenderDefaults;
 use lightsum::summary::Summary;
 use lightsum::superposition::lobe::Table;
-use lightsum::{bake, scene};
+use lightsum::{Settings, bake, scene};
 
 /// Reads bytes; true if they are valid.
 type Read = fn(&Path, &[u8]) -> bool;
 
 /// The readers by the names of their folders in the corpus.
-pub const READERS: [(&str, Read); 18] = [
+pub const READERS: [(&str, Read); 20] = [
     ("obj", |place, bytes| model(place, "a.obj", bytes)),
     ("mtl", |place, bytes| beside(place, "room.mtl", bytes, "room.obj")),
     ("gltf", |place, bytes| model(place, "a.gltf", bytes)),
@@ -40,6 +41,8 @@ pub const READERS: [(&str, Read); 18] = [
     ("lobe", lobe),
     ("state", state),
     ("film", film),
+    ("film_file", film_file),
+    ("settings", settings),
     ("kept_light", kept_light),
 ];
 
@@ -212,8 +215,8 @@ fn lobe(place: &Path, bytes: &[u8]) -> bool {
     Table::load(&put(place, "lobe.toml", bytes)).is_ok()
 }
 
-/// A state with its checksum put right, whose sums are those of an image of its size.
-fn state(place: &Path, bytes: &[u8]) -> bool {
+/// A file with the header of a state or film, with its checksum put right.
+fn checked(bytes: &[u8]) -> Vec<u8> {
     const CHECKSUM: usize = 48;
     let mut bytes = bytes.to_vec();
     if bytes.len() >= CHECKSUM + 8 {
@@ -222,7 +225,12 @@ fn state(place: &Path, bytes: &[u8]) -> bool {
         sum.add(&bytes[CHECKSUM + 8..]);
         bytes[CHECKSUM..CHECKSUM + 8].copy_from_slice(&sum.0.to_le_bytes());
     }
-    let Ok(state) = State::read(&put(place, "a.state", &bytes)) else { return false };
+    bytes
+}
+
+/// A state whose sums are those of an image of its size.
+fn state(place: &Path, bytes: &[u8]) -> bool {
+    let Ok(state) = State::read(&put(place, "a.state", &checked(bytes))) else { return false };
     let size = [state.width, state.height];
     // Another size is refused before its sums are read.
     let all = state.accumulators.get(4..).unwrap_or_default();
@@ -244,6 +252,37 @@ fn sums(bytes: &[u8], size: [u32; 2], summands: bool) -> bool {
 /// The sums of an image of one pixel; with summands if the first byte is odd.
 fn film(_: &Path, bytes: &[u8]) -> bool {
     bytes.split_first().is_some_and(|(first, bytes)| sums(bytes, [1, 1], first & 1 == 1))
+}
+
+/// A film as it is, or width, height, the text up to a zero byte, and the sums: lengths are seldom right by chance.
+fn film_file(place: &Path, bytes: &[u8]) -> bool {
+    let path = match bytes {
+        [b'L', b'S', b'U', b'M', ..] => put(place, "a.film", &checked(bytes)),
+        [width, height, rest @ ..] => {
+            let end = rest.iter().position(|&b| b == 0).unwrap_or(rest.len());
+            let (text, sums) = (&rest[..end], &rest[(end + 1).min(rest.len())..]);
+            let numbers = [3, u32::from(*width), u32::from(*height), 0, 0, 0].map(u32::to_le_bytes).concat();
+            let length = (4 + text.len() + sums.len()) as u64;
+            let text_length = (text.len() as u32).to_le_bytes();
+            let parts = [b"LSUMFILM", &numbers[..], &[0; 8], &length.to_le_bytes(), &[0; 8], &text_length, text, sums];
+            put(place, "a.film", &checked(&parts.concat()))
+        }
+        _ => put(place, "a.film", bytes),
+    };
+    let Ok(film) = FilmFile::read(&path) else { return false };
+    let _ = (film.layers(), film.about.metadata(), film.about.missing().to_string(), film.about.exposure());
+    let mut merger = Merger::default();
+    // Its passes would count twice, unless there are none.
+    let _ = (merger.add(Path::new("first.film"), film.clone()), merger.add(&path, film));
+    merger.finish().is_some_and(|sum| sum.write(&place.join("b.film")).is_ok())
+}
+
+/// A file of settings: TOML, JSON or OpenEXR.
+fn settings(place: &Path, bytes: &[u8]) -> bool {
+    let Ok(keys) = RenderDefaults::load(&put(place, "settings", bytes)) else { return false };
+    // They may be at odds with each other.
+    let _ = Settings::default().with_scene_defaults(&keys).validate();
+    true
 }
 
 fn kept_light(place: &Path, bytes: &[u8]) -> bool {

@@ -31,7 +31,8 @@ if [ "$seconds" != 0 ] || [ "$executions" != 0 ]; then
   # As cargo-fuzz does without a sanitizer. A target is named so that build scripts are compiled without.
   flags="-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 -Cllvm-args=-sanitizer-coverage-inline-8bit-counters"
   flags+=" -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Ccodegen-units=1"
-  RUSTFLAGS="$flags" cargo "+${NIGHTLY:-nightly}" build --release --manifest-path fuzz/Cargo.toml --target "$triple" --target-dir "$work/build"
+  RUSTFLAGS="$flags" cargo "+${NIGHTLY:-nightly}" build --release --manifest-path fuzz/Cargo.toml --target "$triple" --target-dir "$work/build" \
+    "${readers[@]/#/--bin=}"
 fi
 
 # Executions of a reader in all runs.

@@ -403,16 +403,15 @@ impl HostFilm {
         floats.flat_map(|x| x.to_bits().to_le_bytes()).chain(counts).collect()
     }
 
-    /// Number of bytes of [`HostFilm::to_bytes`].
+    /// Number of bytes of [`HostFilm::to_bytes`]; the greatest `usize` for sizes beyond any memory.
     pub fn byte_count(size: [u32; 2], summands: bool) -> usize {
-        let pixels = size[0] as usize * size[1] as usize;
-        16 * pixels * levels(summands).iter().sum::<usize>() + 4 * INSTANCES as usize
+        let pixels = (size[0] as usize).saturating_mul(size[1] as usize);
+        pixels.saturating_mul(16 * levels(summands).iter().sum::<usize>()).saturating_add(4 * INSTANCES as usize)
     }
 
     /// Restores a film of this size, with or without summands, from [`HostFilm::to_bytes`]. Errors: wrong number of
     /// bytes; more passes than [`MAX_PASSES`]; a sum that is no number.
     pub fn from_bytes(bytes: &[u8], size: [u32; 2], summands: bool) -> Result<HostFilm> {
-        let pixels = size[0] as usize * size[1] as usize;
         let levels = levels(summands);
         let expected = Self::byte_count(size, summands);
         if bytes.len() != expected {
@@ -421,6 +420,7 @@ impl HostFilm {
                 bytes.len()
             )));
         }
+        let pixels = size[0] as usize * size[1] as usize;
         let mut words = bytes.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]));
         // The length was checked: no word is missing.
         let mut word = || words.next().unwrap_or(0);

@@ -16,6 +16,9 @@ use crate::film::HostFilm;
 use crate::settings::{Exposure, Traversal};
 use crate::view::Region;
 
+/// Greatest exposure up or down, stops.
+const MAX_STOPS: f32 = 100.0;
+
 /// What was rendered.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct About {
@@ -120,6 +123,12 @@ impl FilmFile {
             .split_at_checked(u32::from_le_bytes(*length) as usize)
             .ok_or_else(|| strange(String::from("its text is cut off")))?;
         let about: About = serde_json::from_slice(text).map_err(|e| strange(e.to_string()))?;
+        if state.width == 0 || state.height == 0 {
+            return Err(strange(String::from("it has no pixels")));
+        }
+        if let Some(stops) = about.exposure.filter(|stops| !(stops.abs() <= MAX_STOPS)) {
+            return Err(strange(format!("its exposure of {stops} stops is not in [-{MAX_STOPS}, {MAX_STOPS}]")));
+        }
         let film = HostFilm::from_bytes(film, [state.width, state.height], about.summands)
             .map_err(|e| strange(e.to_string()))?;
         if about.passes.count() != u64::from(film.passes()) || !about.passes.shared_with(&about.left_out).is_empty() {
@@ -261,6 +270,7 @@ impl Merger {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::INSTANCES;
     use crate::sampling::random::{key, random_f32};
 
     const SIZE: [u32; 2] = [3, 2];
@@ -366,6 +376,27 @@ mod tests {
         outside.about.part = Some([2, 0, 2, 2]);
         outside.write(&path).unwrap();
         assert!(FilmFile::read(&path).unwrap_err().to_string().contains("not one of this version"));
+        let mut blinding = film(&[0, 1]);
+        blinding.about.exposure = Some(101.0);
+        blinding.write(&path).unwrap();
+        assert!(FilmFile::read(&path).unwrap_err().to_string().contains("101 stops"));
+    }
+
+    #[test]
+    fn sizes_that_do_not_belong_to_the_sums_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.film");
+        let about = serde_json::to_string(&About::default()).unwrap();
+        // 2^60 pixels of 19 levels of 16 bytes are 0 bytes of 2^64.
+        for (width, height, word) in [(1 << 31, 1 << 29, "bytes"), (u32::MAX, u32::MAX, "bytes"), (0, 7, "no pixels")] {
+            let accumulators =
+                [&(about.len() as u32).to_le_bytes()[..], about.as_bytes(), &[0; 4 * INSTANCES as usize]].concat();
+            let provenance = Provenance { device: String::from("a device"), traversal: Traversal::Auto };
+            let state = State { fingerprint: 5, provenance, width, height, passes: 0, accumulators };
+            state.write_as(&FILM, &path).unwrap();
+            let message = FilmFile::read(&path).unwrap_err().to_string();
+            assert!(message.contains(word) && message.contains("a.film"), "{width}x{height}: {message}");
+        }
     }
 
     #[test]

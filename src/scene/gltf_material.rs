@@ -115,6 +115,41 @@ impl UvMaps {
     }
 }
 
+fn name_of(material: &gltf::Material) -> String {
+    match (material.name(), material.index()) {
+        (Some(name), _) => name.to_string(),
+        (None, Some(index)) => format!("material {index}"),
+        (None, None) => String::from("default"),
+    }
+}
+
+/// Refuses factors that are negative or that single precision does not hold, and shares above 1 but for colour and opacity, which
+/// are lowered. [`Material::check`] has the other ranges.
+fn check_factors(material: &gltf::Material) -> Result<(), String> {
+    const ANY: f32 = f32::MAX;
+    let check = |name: &str, values: &[f32], most: f32| match values.iter().find(|v| !(0.0..=most).contains(*v)) {
+        Some(v) if most == ANY => Err(format!("{name} {v} must be 0 or more, and finite")),
+        Some(v) => Err(format!("{name} {v} is not in [0, {most}]")),
+        None => Ok(()),
+    };
+    check("baseColorFactor", &material.pbr_metallic_roughness().base_color_factor(), ANY)?;
+    if let Some(scale) = material.normal_texture().map(|texture| texture.scale()).filter(|scale| !scale.is_finite()) {
+        return Err(format!("the scale {scale} of normalTexture is not finite"));
+    }
+    if let Some(specular) = material.specular() {
+        check("specularFactor", &[specular.specular_factor()], 1.0)?;
+        check("specularColorFactor", &specular.specular_color_factor(), ANY)?;
+    }
+    if let Some(transmission) = material.transmission() {
+        check("transmissionFactor", &[transmission.transmission_factor()], 1.0)?;
+    }
+    let Some(volume) = material.volume() else { return Ok(()) };
+    check("thicknessFactor", &[volume.thickness_factor()], ANY)?;
+    check("attenuationColor", &volume.attenuation_color(), 1.0)?;
+    // Infinite, as without it, is a body that absorbs nothing.
+    check("attenuationDistance", &[volume.attenuation_distance()], f32::INFINITY)
+}
+
 impl Reader<'_> {
     /// Index of a material in the scene.
     pub(super) fn material(&mut self, material: &gltf::Material) -> Result<u32> {
@@ -125,8 +160,16 @@ impl Reader<'_> {
         if maps.more {
             self.leave_out("a third set of texture coordinates, or transform of them, of one material");
         }
+        check_factors(material).map_err(|m| self.error(format!("material {:?}: {m}", name_of(material))))?;
         let pbr = material.pbr_metallic_roughness();
         let [r, g, b, opacity] = pbr.base_color_factor();
+        if Vec3::new(r, g, b).max_element() > 1.0 {
+            log::warn!(
+                "{}: material {:?}: baseColorFactor [{r}, {g}, {b}] reflects more than it receives; lowered to 1",
+                self.path.display(),
+                name_of(material)
+            );
+        }
         let base_texture = match pbr.base_color_texture() {
             Some(info) => self.texture(&info.texture(), true)?,
             None => None,
@@ -181,7 +224,7 @@ impl Reader<'_> {
         // KHR_materials_volume: a surface without thickness has no inside.
         let volume = material.volume().filter(|v| v.thickness_factor() > 0.0);
         let thin = volume.is_none();
-        let mut base_color = Vec3::new(r, g, b);
+        let mut base_color = Vec3::new(r, g, b).min(Vec3::ONE);
         if let (Some(volume), true) = (&volume, transmission >= 0.5)
             && volume.attenuation_distance().is_finite()
             && volume.attenuation_distance() > 0.0
@@ -195,13 +238,8 @@ impl Reader<'_> {
         }
         // 1 is the default of a file without roughness.
         let roughens = transmission >= 0.5 && thin && pbr.roughness_factor() < 1.0;
-        let name = match (material.name(), material.index()) {
-            (Some(name), _) => name.to_string(),
-            (None, Some(index)) => format!("material {index}"),
-            (None, None) => String::from("default"),
-        };
         let mut converted = Material {
-            name,
+            name: name_of(material),
             surface: if transmission >= 0.5 { Surface::Glass } else { Surface::Opaque },
             base_color,
             base_texture,

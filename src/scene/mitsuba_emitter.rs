@@ -85,7 +85,10 @@ impl<'a> Reader<'a> {
                 let turbidity = e.number("turbidity")?.unwrap_or(3.0);
                 let [azimuth, elevation] = [sun.y.atan2(sun.x), sun.z.asin()].map(|a| a.to_degrees() as f32);
                 let environment = Environment::sun_and_sky(azimuth, elevation, turbidity).map_err(|m| e.error(m))?;
-                let mut environment = environment.scaled(Vec3::splat(sky_scale.max(0.0)));
+                if sky_scale < 0.0 {
+                    return Err(e.error(format!("sky_scale {sky_scale} is negative")));
+                }
+                let mut environment = environment.scaled(Vec3::splat(sky_scale));
                 // The azimuth of our sky is counted from z towards x, with y up.
                 environment.axes = turned(e, world, [DVec3::Y, DVec3::Z, DVec3::X])?;
                 self.environment(e, environment)

@@ -52,6 +52,10 @@ impl Scene {
         for NamedCamera { name, camera } in &self.cameras {
             camera.check().map_err(|m| Error::file(path, format!("camera {name:?}: {m}")))?;
         }
+        if let Some(radiance) = self.environment.as_ref().and_then(|e| e.texels.iter().find(|t| !is_power(**t))) {
+            let message = format!("environment: its radiance {radiance} must be finite and not negative");
+            return Err(Error::file(path, message));
+        }
         let sky = self.environment.as_ref().is_some_and(|e| e.is_bright());
         if self.lights.is_empty() && self.emitters().is_empty() && !sky {
             let message = "nothing emits light; give a material an emission (MTL `Ke`, glTF `emissiveFactor`, or \
@@ -230,9 +234,14 @@ fn color(name: &str, value: Vec3) -> Result<(), String> {
     value.to_array().iter().try_for_each(|&channel| range(name, channel, 0.0, 1.0))
 }
 
+/// Finite and not negative.
+fn is_power(value: Vec3) -> bool {
+    value.is_finite() && value.min_element() >= 0.0
+}
+
 /// A radiometric quantity: finite, not negative, and for lights not zero.
 fn power(name: &str, value: Vec3, zero_allowed: bool) -> Result<(), String> {
-    if !value.is_finite() || value.min_element() < 0.0 {
+    if !is_power(value) {
         return Err(format!("{name} {value} must be finite and not negative"));
     }
     if !zero_allowed && value.max_element() == 0.0 {

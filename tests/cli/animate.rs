@@ -342,7 +342,23 @@ fn an_open_shutter_blurs_what_moves() {
         let output = output.unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
     };
-    render(&[&SMALL[2..], &["--passes", "1", "--shutter", "1", "-o", "still.png"]].concat());
+    render(
+        &[&SMALL[2..], &["--passes", "1", "--shutter", "1", "-o", "still.png", "-o", "still.exr", "--surfaces"]]
+            .concat(),
+    );
+    let motion = |name: &str| {
+        let image = exr::prelude::read_first_flat_layer_from_file(folder.path().join("still.exr")).unwrap();
+        let channel = image.layer_data.channel_data.list.iter().find(|channel| channel.name.to_string() == name);
+        channel.unwrap_or_else(|| panic!("no {name}")).sample_data.values_as_f32().map(f32::abs).collect::<Vec<_>>()
+    };
+    for name in ["motion.X", "motion.Y"] {
+        let pixels = motion(name);
+        assert!(pixels.iter().all(|moved| moved.is_finite()) && pixels.iter().any(|&moved| moved < 0.1), "{name}");
+    }
+    // What moves by more than a pixel while the shutter is open.
+    let (x, y) = (motion("motion.X"), motion("motion.Y"));
+    let moving = x.iter().zip(&y).filter(|(x, y)| x.hypot(**y) > 1.0).count();
+    assert!(moving > 10 && moving < x.len(), "{moving} of {}", x.len());
     let traced = ["--reference", "--spp", "64", "--max-depth", "2"];
     render(&[&traced[..], &["--shutter", "1", "-o", "traced.png"]].concat());
     render(&[&traced[..], &["-o", "instant.png"]].concat());

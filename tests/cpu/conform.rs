@@ -58,3 +58,12 @@ fn checks_are_named_once_and_name_kernels_that_exist() {
         assert!(!check.exercises().is_empty(), "{} exercises nothing", check.name);
     }
 }
+
+#[test]
+fn the_page_tells_how_many_checks_and_kernels_there_are() {
+    let kernels: HashSet<&str> = ALL.iter().flat_map(|check| check.kernels.split_whitespace()).collect();
+    let told = format!("{} checks of {} compute kernels", ALL.len(), kernels.len());
+    let page = include_str!("../../docs/conformance.md");
+    let words: Vec<&str> = page.split_whitespace().collect();
+    assert!(words.join(" ").contains(&told), "docs/conformance.md should say: {told}");
+}

@@ -3,6 +3,7 @@
 mod conform;
 mod hosts;
 mod package;
+mod pages;
 mod ranges;
 mod readers;
 mod scene;

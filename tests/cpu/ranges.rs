@@ -1,5 +1,7 @@
 //! Numbers of files: each is accepted at both ends of its range, and refused beyond them and where it is no number.
 
+mod models;
+
 use std::fs;
 use std::path::Path;
 
@@ -16,7 +18,7 @@ const MTL: &str = "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKe 5 5 5\nnewmtl p
 const NO_NUMBERS: [&str; 4] = ["nan", "-nan", "inf", "-inf"];
 
 /// A number of a file: the file with `@` for the number, what is accepted, and what is refused besides [`NO_NUMBERS`].
-type Number = (&'static str, &'static [&'static str], &'static [&'static str]);
+type Number<'a> = (&'a str, &'a [&'a str], &'a [&'a str]);
 
 fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();

@@ -12,6 +12,14 @@ use super::CheckpointFlag;
 
 /// Maximum number of pixels of an image.
 pub const MAX_PIXELS: u64 = 1 << 26;
+/// Maximum width and height of an image.
+const MAX_SIDE: u32 = 65_536;
+/// Greatest length in scene units.
+const FARTHEST: f32 = 1e9;
+/// Least height of the image of an orthographic camera.
+const LOWEST_IMAGE: f32 = 1e-15;
+/// Longest time between two files, seconds.
+const MAX_SECONDS: f64 = 1e9;
 
 pub(super) fn image_path(path: PathBuf) -> Result<PathBuf, String> {
     match Format::of(&path) {
@@ -54,6 +62,9 @@ pub(super) fn resolution(text: &str) -> Result<[u32; 2], String> {
 
 /// Refuses an image without pixels or with too many.
 pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
+    if width.max(height) > MAX_SIDE {
+        return Err(format!("{width}x{height} is larger than {MAX_SIDE} pixels each way"));
+    }
     match u64::from(width) * u64::from(height) {
         0 => Err(format!("{width}x{height} has no pixels")),
         1..=MAX_PIXELS => Ok(()),
@@ -61,8 +72,11 @@ pub fn check_resolution([width, height]: [u32; 2]) -> Result<(), String> {
     }
 }
 
-pub(super) fn vector(text: &str) -> Result<Vec3, String> {
-    point(text).map(|v| v.as_vec3())
+/// A direction, whose length single precision can square.
+pub(super) fn direction(text: &str) -> Result<Vec3, String> {
+    let expected = "expected a direction X,Y,Z of a length from 1e-15 to 1e15";
+    let v = point(text).map_err(|_| expected)?.as_vec3();
+    if v.normalize_or_zero() == Vec3::ZERO { Err(expected.into()) } else { Ok(v) }
 }
 
 /// A point of the world, in double precision: it may be far from the origin.
@@ -70,7 +84,7 @@ pub(super) fn point(text: &str) -> Result<DVec3, String> {
     let parts: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     match parts.as_deref() {
         Some(&[x, y, z]) if DVec3::new(x, y, z).as_vec3().is_finite() => Ok(DVec3::new(x, y, z)),
-        _ => Err("expected three numbers X,Y,Z".into()),
+        _ => Err("expected three finite numbers X,Y,Z".into()),
     }
 }
 
@@ -95,6 +109,21 @@ pub(super) fn distance(text: &str) -> Result<f32, String> {
 
 pub(super) fn positive(text: &str) -> Result<f32, String> {
     number(text, |v| v > 0.0, "a number above 0")
+}
+
+/// A length; the checks of cameras have the same range.
+pub(super) fn length(text: &str) -> Result<f32, String> {
+    number(text, |v| v > 0.0 && v <= FARTHEST, "a length above 0, at most 1e9")
+}
+
+/// A length that may be 0.
+pub(super) fn length_or_0(text: &str) -> Result<f32, String> {
+    number(text, |v| (0.0..=FARTHEST).contains(&v), "a length from 0 to 1e9")
+}
+
+/// A height of the image of an orthographic camera.
+pub(super) fn image_height(text: &str) -> Result<f32, String> {
+    number(text, |v| (LOWEST_IMAGE..=FARTHEST).contains(&v), "a length from 1e-15 to 1e9")
 }
 
 pub(super) fn angle(text: &str) -> Result<f32, String> {
@@ -150,6 +179,117 @@ pub(super) fn address(text: &str) -> Result<String, String> {
 }
 
 pub(super) fn seconds(text: &str) -> Result<Duration, String> {
-    let duration = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
-    duration.ok_or_else(|| "expected a number of seconds above 0".into())
+    let seconds = text.parse().ok().filter(|&s: &f64| s <= MAX_SECONDS);
+    let duration = seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).filter(|d| !d.is_zero());
+    duration.ok_or_else(|| "expected a number of seconds above 0, at most 1000000000".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A flag: its parser, what it takes, what it refuses besides [`NO_NUMBERS`], and a word of its message.
+    type Flag<'a> = (&'a dyn Fn(&str) -> Result<(), String>, &'a [&'a str], &'a [&'a str], &'a str);
+
+    /// What no flag for a number takes.
+    const NO_NUMBERS: [&str; 9] = ["nan", "-nan", "inf", "-inf", "infinity", "", " ", "1e999", "1,5x"];
+
+    /// A parser whose value does not matter.
+    fn only<T>(parser: impl Fn(&str) -> Result<T, String>) -> impl Fn(&str) -> Result<(), String> {
+        move |text| parser(text).map(drop)
+    }
+
+    #[test]
+    fn numbers_are_taken_at_both_ends_of_their_ranges_and_refused_beyond() {
+        let flags: &[Flag] = &[
+            (&only(angle), &["1e-3", "179.99"], &["0", "-0", "-1", "180", "1e39"], "between 0 and 180"),
+            (&only(image_height), &["1e-15", "1e9"], &["0", "-0", "-1", "9e-16", "1.001e9", "1e39"], "1e-15 to 1e9"),
+            (&only(length), &["1e-45", "1e9"], &["0", "-0", "-1", "1.001e9", "1e39"], "above 0, at most 1e9"),
+            (&only(length_or_0), &["0", "-0", "1e-45", "1e9"], &["-1e-45", "-1", "1.001e9", "1e39"], "from 0 to 1e9"),
+            (&only(distance), &["0", "-0", "1e-45", "3.4e38"], &["-1e-45", "-1", "1e39"], "0 or more"),
+            (&only(positive), &["1e-45", "3.4e38"], &["0", "-0", "-1", "1e39"], "above 0"),
+            (&only(stops), &["-100", "-0", "0", "100"], &["-100.1", "100.1", "auto", "1e39"], "from -100 to 100"),
+            (
+                &only(exposure),
+                &["-100", "-0", "100", "auto"],
+                &["-100.1", "100.1", "Auto", "1e39"],
+                "-100 to 100, or auto",
+            ),
+            (
+                &only(seconds),
+                &["1e-9", "1e9"],
+                &["0", "-0", "-1", "1.1e9", "1e300", "off"],
+                "above 0, at most 1000000000",
+            ),
+            (&only(checkpoint), &["1e-9", "1e9", "off"], &["0", "-0", "-1", "1.1e9", "Off"], "1000000000, or off"),
+            (&only(moment), &["-0", "0", "1e300", "-1e300"], &["1 s"], "a number of seconds"),
+            (&only(rate), &["0.001", "1000000"], &["0", "-0", "-1", "0.0009", "1000001", "1e39"], "0.001 to 1000000"),
+            (
+                &only(bytes),
+                &["1", "1k", "16777215T", "18446744073709551615"],
+                &["0", "-0", "-1", "0G", "1.5G", "16777216T", "18446744073709551616", "1P", "1e9", "G", "1\u{e9}"],
+                "bytes above 0",
+            ),
+            (
+                &only(resolution),
+                &["1x1", "65536x1024", "1X65536"],
+                &[
+                    "0x1",
+                    "1x0",
+                    "-1x1",
+                    "-0x1",
+                    "65537x1",
+                    "1x65537",
+                    "8193x8192",
+                    "4294967296x1",
+                    "1.5x1",
+                    "nanx1",
+                    "1",
+                ],
+                "",
+            ),
+            (
+                &only(crop),
+                &["0,0,1,1", "4294967295,4294967295,4294967295,4294967295"],
+                &["0,0,0,1", "0,0,1,0", "-1,0,1,1", "-0,0,1,1", "4294967296,0,1,1", "0,0,1", "0,0,1,1,1", "nan,0,1,1"],
+                "X,Y,WIDTH,HEIGHT",
+            ),
+            (
+                &only(orbit),
+                &["-360,-90", "360,90", "-0,-0"],
+                &["360.1,0", "-360.1,0", "0,90.1", "0,-90.1", "nan,0", "0,nan", "inf,0", "0,-inf", "0", "0,0,0"],
+                "up to 360 and 90",
+            ),
+            (
+                &only(point),
+                &["0,-0,3.4e38", "-3.4e38,1e-320,0"],
+                &["1e39,0,0", "0,-1e39,0", "0,0,nan", "inf,0,0", "0,0", "0,0,0,0"],
+                "three finite numbers",
+            ),
+            (
+                &only(direction),
+                &["0,1e-15,0", "0,0,-1e15", "-0,1,0"],
+                &["0,0,0", "-0,-0,-0", "0,1e-30,0", "0,1e30,0", "0,nan,0", "0,inf,0", "1,0"],
+                "1e-15 to 1e15",
+            ),
+            (
+                &only(address),
+                &["127.0.0.1:1", "::1:65535", "host:14158"],
+                &["host:0", "host:-0", "host:65536", "host:-1", "host:nan", "host", ":1"],
+                "HOST:PORT",
+            ),
+        ];
+        let mut wrong = Vec::new();
+        for (parser, good, bad, words) in flags {
+            wrong.extend(good.iter().filter_map(|text| Some(format!("refused: {text:?}: {}", parser(text).err()?))));
+            for text in bad.iter().copied().chain(NO_NUMBERS) {
+                match parser(text) {
+                    Ok(()) => wrong.push(format!("accepted: {text:?} ({words})")),
+                    Err(message) if message.contains(words) && message.len() > 10 => {}
+                    Err(message) => wrong.push(format!("{text:?}: {message:?} lacks {words:?}")),
+                }
+            }
+        }
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
 }
