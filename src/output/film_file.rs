@@ -126,7 +126,7 @@ impl FilmFile {
         if state.width == 0 || state.height == 0 {
             return Err(strange(String::from("it has no pixels")));
         }
-        if let Some(stops) = about.exposure.filter(|stops| !(stops.abs() <= MAX_STOPS)) {
+        if let Some(stops) = about.exposure.filter(|stops| !(-MAX_STOPS..=MAX_STOPS).contains(stops)) {
             return Err(strange(format!("its exposure of {stops} stops is not in [-{MAX_STOPS}, {MAX_STOPS}]")));
         }
         let film = HostFilm::from_bytes(film, [state.width, state.height], about.summands)

@@ -51,8 +51,8 @@ fn numbers_of_mtl() {
         ("illum @", &["0", "9", "10", "255", "-1"], &["1.5", "1e9", "99999999999999999999"]),
     ];
     check(numbers, &NO_NUMBERS, |text| {
-        read(text).or_else(|message| match message.contains("a.mtl:") || message.contains("material \"m\"") {
-            true => Err(message),
+        read(text).map_err(|message| match message.contains("a.mtl:") || message.contains("material \"m\"") {
+            true => message,
             false => panic!("no line: {message}"),
         })
     });
