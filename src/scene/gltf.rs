@@ -432,7 +432,9 @@ impl Reader<'_> {
             Kind::Point => Light::Point { position, intensity },
             Kind::Directional => Light::Directional { direction, irradiance: intensity },
             Kind::Spot { inner_cone_angle: inner, outer_cone_angle: outer } => {
-                Light::Spot { position, direction, intensity, inner, outer: outer.min(FRAC_PI_2) }
+                // What is no angle is refused with the other ranges.
+                let outer = if outer.is_finite() { outer.min(FRAC_PI_2) } else { outer };
+                Light::Spot { position, direction, intensity, inner, outer }
             }
         });
     }

@@ -133,6 +133,8 @@ fn check_factors(material: &gltf::Material) -> Result<(), String> {
         None => Ok(()),
     };
     check("baseColorFactor", &material.pbr_metallic_roughness().base_color_factor(), ANY)?;
+    check("alphaCutoff", &[material.alpha_cutoff().unwrap_or(0.0)], ANY)?;
+    check("emissiveStrength", &[material.emissive_strength().unwrap_or(0.0)], ANY)?;
     if let Some(scale) = material.normal_texture().map(|texture| texture.scale()).filter(|scale| !scale.is_finite()) {
         return Err(format!("the scale {scale} of normalTexture is not finite"));
     }

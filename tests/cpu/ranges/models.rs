@@ -149,7 +149,6 @@ fn numbers_of_gltf() {
         (extension("KHR_materials_specular", r#""specularFactor": @"#), share),
         (extension("KHR_materials_specular", r#""specularColorFactor": [1, @, 1]"#), from_0),
         (extension("KHR_materials_volume", r#""thicknessFactor": @"#), from_0),
-        (extension("KHR_materials_volume", r#""attenuationDistance": @"#), from_0),
         (extension("KHR_materials_volume", r#""attenuationColor": [1, @, 1]"#), share),
         (
             camera(r#""type": "perspective", "perspective": {"znear": 0.1, "yfov": @}"#),
@@ -174,11 +173,14 @@ fn numbers_of_gltf() {
         ),
         (r#"|"translation": [@, 0, 0]|"#, places.0, places.1),
         (r#"|"scale": [1, @, 1]|"#, &["1e-3", "-1", "9e8"], &["1e300"]),
-        (r#"|"rotation": [0, @, 0, 1]|"#, &["0.0", "-0.0", "1", "-1e9"], &["1e300"]),
+        (r#"|"rotation": [0, @, 0, 1]|"#, &["0.0", "-0.0", "1", "-1"], &["1e300"]),
         (r#"|"matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, @, 0, 0, 1]|"#, places.0, places.1),
     ];
     numbers.extend(lights.iter().map(|(text, (good, bad))| (text.as_str(), *good, *bad)));
     check(&numbers, &TOO_LARGE, read);
+    // Infinite is the default: a body that absorbs nothing.
+    let distance = extension("KHR_materials_volume", r#""attenuationDistance": @"#);
+    check(&[(distance.as_str(), &["0.0", "-0.0", "1e-45", "3.4e38", "1e39"], &["-1e-45", "-1", "-1e39"])], &[], read);
     // What moves texture coordinates counts only with a texture; any finite number is one.
     let moved = extension("KHR_materials_anisotropy", r#""anisotropyStrength": 0.5, "anisotropyRotation": @"#);
     check(&[(moved.as_str(), turn, &[])], &TOO_LARGE, read);
