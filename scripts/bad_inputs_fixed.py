@@ -98,9 +98,8 @@ def xml(inside):
 
 
 def polygon(corners):
-    """A circle."""
-    angles = [2 * math.pi * i / corners for i in range(corners)]
-    points = "".join(f"v {1e3 * math.cos(a)} {1e3 * math.sin(a)} 0\n" for a in angles)
+    """A polygon along a parabola, whose triangles widen from one corner."""
+    points = "".join(f"v {i} {i * i / corners} 0\n" for i in range(corners))
     return f"mtllib m.mtl\nusemtl lamp\n{points}f {' '.join(map(str, range(1, corners + 1)))}\n"
 
 
@@ -151,7 +150,7 @@ DEPTHS = [
     ("circle", "a.xml", {"a.xml": xml('<ref id="a"/><bsdf id="a" type="twosided"><ref id="a"/></bsdf><shape type="rectangle"><ref id="a"/></shape>')}, "refused", "deeper than"),
     ("circle", "a.toml", {"a.toml": 'model = "a.toml"\n'}, "refused", "a.toml"),
     ("entities", "a.xml", {"a.xml": '<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]><scene>&b;</scene>'}, "refused", "a.xml"),
-    ("long polygon", "a.obj", {"m.mtl": MTL, "a.obj": polygon(20_000)}, "read", "19998 triangles"),
+    ("long polygon", "a.obj", {"m.mtl": MTL, "a.obj": polygon(100_000)}, "read", "99998 triangles"),
     ("long line", "a.obj", {**MODEL, "a.obj": OBJ + "#" + "x" * (32 << 20) + "\n"}, "read", ONE),
     ("many lines", "a.obj", {**MODEL, "a.obj": OBJ + "\\\n" * 1_000_000}, "read", ONE),
 ]

@@ -12,7 +12,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 /// Boxes that clustering may join in any number of rounds.
 const FEW: usize = 4096;
 
-/// Boxes that the rounds before may look at, for each box. Scenes of rooms, plants and machines take 3 to 4.
+/// Boxes that the rounds before may look at, for each box. Five rooms and objects of 19,000 to 415,000 triangles take 2.3 to 3.1.
 const PATIENCE: usize = 32;
 
 /// A tree over boxes, at least one. It does not depend on the number of threads. Also whether it was clustered: a balanced tree gains little by

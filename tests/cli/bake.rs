@@ -120,7 +120,7 @@ fn a_walkthrough_shows_what_was_baked() {
     let (still, frame) = (mean(&folder.join("still.exr")), mean(&folder.join("kept-1.exr")));
     assert!((still / frame - 1.0).abs() < 0.01, "{still} and {frame}");
 
-    let objects = "frames = 2\n[[object]]\nname = \"room\"\nkeys = [{ time = 0 }]\n";
+    let objects = "frames = 2\n[[object]]\nname = \"unnamed\"\nkeys = [{ time = 0 }]\n";
     fs::write(folder.join("moves.toml"), objects).unwrap();
     let line = "animate scene.toml -o m-%d.png --path moves.toml --light-from room.glb";
     let message = fails(folder, line);

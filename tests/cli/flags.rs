@@ -181,7 +181,7 @@ fn orthographic_cameras_by_flag_and_by_file() {
     let ratio = energy(&image("plan.toml", "--passes 16"), &reference);
     assert!((ratio - 1.0).abs() < 0.1, "energy {ratio}");
     for (flags, names) in [
-        ("--ortho 0", ["--ortho", "above 0"]),
+        ("--ortho 0", ["--ortho", "1e-15 to 1e9"]),
         ("--ortho 2 --fov 40", ["--ortho", "--fov"]),
         ("--ortho 2 --aperture 0.1", ["--aperture", "no lens"]),
         ("--ortho 2 --superposition variant", ["--superposition", "use off"]),
