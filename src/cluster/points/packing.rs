@@ -3,7 +3,7 @@
 //! A plain point, whose eye ray ends on a diffuse surface, takes 20 bytes: flags 1, albedo 3, normal 4, distance 4, direct and indirect irradiance 4
 //! each; its first hit, where edges are antialiased, 5 to 9 more. Its place follows from the ray. Points with more to tell (emission, lobes, a shading
 //! normal of their own, and all below) take 33 bytes more, and those whose place and path do not follow from the pixel's ray (in mirrors, behind glass, all
-//! second components) another 21. [Columns](self::super::columns) of what is left after a guess from the neighbours are then compressed (zlib).
+//! second components) another 21. Columns (`columns.rs`) of what is left after a guess from the neighbours are then compressed (zlib).
 //!
 //! | value | form | error |
 //! |---|---|---|
