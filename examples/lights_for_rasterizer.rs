@@ -248,7 +248,7 @@ impl Drop for Kernel {
     }
 }
 
-/// What kernels may use: immediate data, and pairs of halves in a word.
+/// Capabilities of the kernels: immediate data, and halves stored in pairs in a word.
 pub const CAPABILITIES: Capabilities = Capabilities::IMMEDIATES.union(Capabilities::SHADER_FLOAT16_IN_FLOAT32);
 
 /// WGSL as SPIR-V.

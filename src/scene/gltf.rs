@@ -432,7 +432,7 @@ impl Reader<'_> {
             Kind::Point => Light::Point { position, intensity },
             Kind::Directional => Light::Directional { direction, irradiance: intensity },
             Kind::Spot { inner_cone_angle: inner, outer_cone_angle: outer } => {
-                // What is no angle is refused with the other ranges.
+                // The checks of ranges refuse a number that is no angle.
                 let outer = if outer.is_finite() { outer.min(FRAC_PI_2) } else { outer };
                 Light::Spot { position, direction, intensity, inner, outer }
             }

@@ -355,7 +355,7 @@ fn an_open_shutter_blurs_what_moves() {
         let pixels = motion(name);
         assert!(pixels.iter().all(|moved| moved.is_finite()) && pixels.iter().any(|&moved| moved < 0.1), "{name}");
     }
-    // What moves by more than a pixel while the shutter is open.
+    // Pixels whose surface moves by more than a pixel while the shutter is open.
     let (x, y) = (motion("motion.X"), motion("motion.Y"));
     let moving = x.iter().zip(&y).filter(|(x, y)| x.hypot(**y) > 1.0).count();
     assert!(moving > 10 && moving < x.len(), "{moving} of {}", x.len());

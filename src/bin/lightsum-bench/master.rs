@@ -57,7 +57,7 @@ pub fn run(args: &Master) -> Result<()> {
     Ok(())
 }
 
-/// What clients send for a frame.
+/// Bytes that clients send for a frame.
 struct Sent {
     shape: Shape,
     exact: bool,

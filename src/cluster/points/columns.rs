@@ -1,7 +1,7 @@
 //! Columns of numbers in bytes that compress well, and what columns are made of: colours, normals, depths, positions in few bits.
 //!
 //! A column is a number that all its values equal, or what is left of each after a guess from those before it: that it equals the last one, or that it
-//! differs from it as that from the one before. The guess is told for each column. What is left is folded so that small numbers of both signs are small, and
+//! differs from it as that from the one before. The guess is told for each column. The remainder is folded so that small numbers of both signs are small, and
 //! its bytes lie apart: all lowest ones first.
 
 use glam::Vec3;
@@ -11,7 +11,7 @@ const CONSTANT: u8 = 0;
 const DIFFERENCES: u8 = 1;
 const SECOND_DIFFERENCES: u8 = 2;
 
-/// What the values of a column are kept as.
+/// The form in which a column keeps its values.
 pub(super) trait Value: Copy {
     /// The lowest bits of a word.
     fn of(word: u32) -> Self;

@@ -78,7 +78,7 @@ fn flags(point: &Point) -> u32 {
     ShadingPoints::flags(point[WO].w)
 }
 
-/// What a ray from the eye and its distance tell of a point: position and distance, direction to the eye, depth.
+/// The part of a point that follows from its ray from the eye and its distance: position and distance, direction to the eye, depth.
 fn on_ray(parameters: &FrameParameters, ray: &Ray, distance: f32, normal: Vec3) -> (Vec4, Vec3, f32) {
     let forward = Vec4::from(parameters.forward).truncate();
     let position = offset_origin(ray.origin + distance * ray.direction, normal, parameters.eye[3]);

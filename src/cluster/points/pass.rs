@@ -34,7 +34,7 @@ pub struct PassPoints {
     parts: Vec<Part>,
     tiles: Vec<u32>,
     missing: usize,
-    /// What a device copies; made with the first pass.
+    /// Memory that the device copies from; made with the first pass.
     buffers: [Vec<Buffer>; 2],
     /// Rows of each array that they have for this pass, component by component; the others are zeros, or nobody's. `None`: the points are not written yet.
     written: Option<Vec<Vec<Range<u32>>>>,

@@ -181,7 +181,7 @@ fn numbers_of_gltf() {
     // Infinite is the default: a body that absorbs nothing.
     let distance = extension("KHR_materials_volume", r#""attenuationDistance": @"#);
     check(&[(distance.as_str(), &["0.0", "-0.0", "1e-45", "3.4e38", "1e39"], &["-1e-45", "-1", "-1e39"])], &[], read);
-    // What moves texture coordinates counts only with a texture; any finite number is one.
+    // Transforms of texture coordinates count only with a texture; every finite number is allowed.
     let moved = extension("KHR_materials_anisotropy", r#""anisotropyStrength": 0.5, "anisotropyRotation": @"#);
     check(&[(moved.as_str(), turn, &[])], &TOO_LARGE, read);
 }

@@ -191,7 +191,7 @@ mod tests {
     /// A flag: its parser, what it takes, what it refuses besides [`NO_NUMBERS`], and a word of its message.
     type Flag<'a> = (&'a dyn Fn(&str) -> Result<(), String>, &'a [&'a str], &'a [&'a str], &'a str);
 
-    /// What no flag for a number takes.
+    /// Texts that every flag for a number refuses.
     const NO_NUMBERS: [&str; 9] = ["nan", "-nan", "inf", "-inf", "infinity", "", " ", "1e999", "1,5x"];
 
     /// A parser whose value does not matter.
