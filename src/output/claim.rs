@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Outputs that belong to this process until it is dropped: others that claim them are refused.
@@ -23,14 +24,21 @@ pub fn claim<'a>(outputs: impl IntoIterator<Item = &'a Path>) -> Result<Claim> {
         let Target::File(_) = Target::of(output)? else { continue };
         let place = place_of(output);
         if places.contains(&place) {
-            return Err(Error::file(output, "is the name of two outputs; give each a name of its own"));
+            return Err(twice(output));
         }
         let mut hash = Fnv::default();
         hash.add(place.as_os_str().as_encoded_bytes());
         places.push(place);
         let path = std::env::temp_dir().join(format!("lightsum-{:016x}.lock", hash.0));
         match lock(&path) {
-            Ok(Some(file)) => claim.0.push((file, path)),
+            Ok(Some(mut file)) => {
+                // Its owner, for the message below; nothing depends on it.
+                let _ = file.set_len(0).and_then(|()| write!(file, "{}", std::process::id()));
+                claim.0.push((file, path));
+            }
+            Ok(None) if fs::read_to_string(&path).is_ok_and(|owner| owner == std::process::id().to_string()) => {
+                return Err(twice(output));
+            }
             Ok(None) => {
                 return Err(Error::file(
                     output,
@@ -43,6 +51,10 @@ pub fn claim<'a>(outputs: impl IntoIterator<Item = &'a Path>) -> Result<Claim> {
     }
     remove_leftovers(places.iter().map(PathBuf::as_path));
     Ok(claim)
+}
+
+fn twice(output: &Path) -> Error {
+    Error::file(output, "is the name of two outputs; give each a name of its own")
 }
 
 impl Drop for Claim {
@@ -97,12 +109,13 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         let message = |outputs: &[PathBuf]| claim(outputs.iter().map(PathBuf::as_path)).unwrap_err().to_string();
         let first = claim([at("a.exr").as_path(), &at("b.exr")]).unwrap();
-        assert!(message(&[at("c.exr"), at("b.exr")]).contains("b.exr: another lightsum writes this file"));
+        // Here by this process; what another one is told is tested by processes.
+        assert!(message(&[at("c.exr"), at("b.exr")]).contains("b.exr: is the name of two outputs"));
         // The refused claim holds no lock.
         drop(claim([at("c.exr").as_path()]).unwrap());
         // By whatever name.
         std::fs::create_dir(at("x")).unwrap();
-        assert!(message(&[folder.path().join("x/../a.exr")]).contains("another"));
+        assert!(message(&[folder.path().join("x/../a.exr")]).contains("two outputs"));
         drop(first);
         drop(claim([at("a.exr").as_path(), &at("b.exr")]).unwrap());
         assert!(message(&[at("a.exr"), at("a.exr")]).contains("two outputs"));

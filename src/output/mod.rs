@@ -198,17 +198,21 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format for the path's extension. Errors: [`Error::Setting`] for any other extension.
+    /// The format for the path's extension, or for that of the file to which the path leads, as `/dev/stdout` may. Devices and pipes without
+    /// one take PNG. Errors: [`Error::Setting`] for any other name.
     pub fn of(path: &Path) -> Result<Format> {
-        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-        match extension.as_deref() {
-            Some("exr") => Ok(Format::Exr),
-            Some("png") => Ok(Format::Png),
-            _ => {
-                let message = format!("{}: the name must end in .exr or .png", path.display());
-                Err(Error::Setting { name: "--output", message })
-            }
-        }
+        let named = |path: &Path| match path.extension()?.to_string_lossy().to_ascii_lowercase().as_str() {
+            "exr" => Some(Format::Exr),
+            "png" => Some(Format::Png),
+            _ => None,
+        };
+        let is_stream = || matches!(Target::of(path), Ok(Target::Stream));
+        let format =
+            named(path).or_else(|| named(&path.canonicalize().ok()?)).or_else(|| is_stream().then_some(Format::Png));
+        format.ok_or_else(|| {
+            let message = format!("{}: the name must end in .exr or .png", path.display());
+            Error::Setting { name: "--output", message }
+        })
     }
 }
 
@@ -308,6 +312,44 @@ pub fn check_writable(path: &Path) -> Result<()> {
         Target::Stream => Ok(()),
         Target::File(place) => Temporary::create(path, &place).map(drop),
     }
+}
+
+/// Whether a path leads where standard output goes.
+pub fn is_standard_output(path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let file = |path: &Path| fs::metadata(path).ok().map(|data| (data.dev(), data.ino()));
+        file(path).is_some_and(|here| file(Path::new("/dev/stdout")) == Some(here))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = path;
+        false
+    }
+}
+
+/// Checks before a long rendering whether the file system of an output has room for `bytes`, as far as it tells: for a user without
+/// privileges, and without quotas. Errors: [`Error::File`] with the room that is left.
+pub fn check_room(path: &Path, bytes: u64) -> Result<()> {
+    #[cfg(unix)]
+    if let Target::File(place) = Target::of(path)? {
+        let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // Of some file systems of networks and users nothing is known.
+        if let Ok(system) = rustix::fs::statvfs(folder)
+            && system.f_blocks > 0
+        {
+            let free = system.f_bavail.saturating_mul(system.f_frsize);
+            if free < bytes {
+                let [free, needed] = [free, bytes].map(|bytes| bytes as f64 / f64::from(1 << 20));
+                let message = format!(
+                    "takes {needed:.1} MiB, and its file system has {free:.1} MiB free; make room, or give another folder"
+                );
+                return Err(Error::file(path, message));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Kind of a path's target.
@@ -426,6 +468,29 @@ mod tests {
             let message = Format::of(Path::new(name)).unwrap_err().to_string();
             assert!(message.contains("--output") && message.contains(name), "{message}");
         }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn streams_without_an_extension_take_png() {
+        assert_eq!(Format::of(Path::new("/dev/null")).unwrap(), Format::Png);
+        let directory = tempfile::tempdir().unwrap();
+        let (target, link) = (directory.path().join("a.exr"), directory.path().join("link"));
+        fs::write(&target, "").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        assert_eq!(Format::of(&link).unwrap(), Format::Exr);
+        assert!(is_standard_output(Path::new("/dev/stdout")) && !is_standard_output(&link));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn room_is_looked_for_in_the_folder() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.state");
+        check_room(&path, 1).unwrap();
+        let message = check_room(&path, 1 << 62).unwrap_err().to_string();
+        assert!(message.contains("a.state") && message.contains("MiB free"), "{message}");
+        check_room(Path::new("/dev/null"), 1 << 62).unwrap();
     }
 
     #[test]

@@ -109,11 +109,18 @@ fn names_may_be_as_long_as_the_system_takes_them() {
 fn standard_output_takes_files() {
     let folder = folder();
     let told = succeeds(folder.path(), "render scene.toml --passes 1 --particles 2 -o a.exr --stats /dev/stdout");
-    let told = String::from_utf8(told.stdout).unwrap();
-    // The line that names the files follows.
-    let end = told.rfind("}\n").unwrap() + 1;
-    let statistics: serde_json::Value = serde_json::from_str(&told[..end]).unwrap();
-    assert_eq!(statistics["passes"], 1, "{told}");
+    // The line that names the files goes to standard error.
+    let statistics: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert_eq!(statistics["passes"], 1);
+    assert!(String::from_utf8_lossy(&told.stderr).contains("a.exr"));
+    // PNG, as a pipe has no name, or the format of the file to which it goes.
+    let line = "render scene.toml --passes 1 --particles 2 -o /dev/stdout";
+    let streamed = succeeds(folder.path(), line).stdout;
+    succeeds(folder.path(), "render scene.toml --passes 1 --particles 2 -o a.png");
+    assert!(streamed == fs::read(folder.path().join("a.png")).unwrap());
+    let file = fs::File::create(folder.path().join("b.exr")).unwrap();
+    assert!(command(folder.path(), line).stdout(file).status().unwrap().success());
+    assert!(fs::read(folder.path().join("a.exr")).unwrap() == fs::read(folder.path().join("b.exr")).unwrap());
 }
 
 #[test]

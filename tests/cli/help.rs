@@ -103,7 +103,7 @@ fn quiet_tells_errors_alone_and_a_log_file_tells_more() {
     assert_eq!(fs::read(folder.path().join("scene.toml")).unwrap(), scene);
     let output = command(folder.path(), "render scene.toml --passes 1 -o b.exr --log-file b.exr").output().unwrap();
     let message = text(&output.stderr);
-    assert!(output.status.code() == Some(1) && message.contains("b.exr: another lightsum writes"), "{message}");
+    assert!(output.status.code() == Some(1) && message.contains("b.exr: is the name of two outputs"), "{message}");
     fails(folder.path(), "render none.toml -o old.exr -q", 1, &["none.toml"]);
     fails(folder.path(), "render scene.toml -o old.exr --log-file missing/log.txt", 1, &["missing/log.txt"]);
 }

@@ -20,7 +20,7 @@ use crate::args::Animate;
 use crate::progress::Progress;
 use crate::render::{Job, metadata, pipeline_cache};
 use crate::stop::watch_for_interrupt;
-use crate::{mirrors, say_aside};
+use crate::{mirrors, say_aside, speak};
 pub use script::Script;
 
 /// Runs the command.
@@ -32,6 +32,7 @@ pub fn run(args: &Animate) -> Result<()> {
     files().try_for_each(|file| output::check_writable(file))?;
     let claimed: Vec<&Path> = files().map(PathBuf::as_path).collect();
     let _claim = output::claim(claimed)?;
+    speak::leave_output_to(files().map(PathBuf::as_path));
     output::remove_leftovers(outputs.iter().map(PathBuf::as_path));
     let interrupted = watch_for_interrupt();
     let mut player = Player::new(script, scene, None, &interrupted)?;

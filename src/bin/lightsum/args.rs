@@ -238,7 +238,8 @@ pub struct Render {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output")]
 pub struct Output {
-    /// Image to write: .exr (linear, with layers) or .png (for display). Can be repeated. A .film is for `merge`.
+    /// Image to write: .exr (linear, with layers) or .png (for display). Can be repeated. A .film is for `merge`. `/dev/stdout` and other pipes
+    /// take PNG.
     #[arg(short, long = "output", value_name = "FILE", value_parser = PathBufValueParser::new().try_map(output_path))]
     #[arg(required_unless_present_any = ["list_devices", "export_lights", "stats", "display"])]
     pub outputs: Vec<PathBuf>,

@@ -6,9 +6,10 @@ use crate::live::Live;
 use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of, watch_for_interrupt};
-use crate::{effect, mirrors, reference, say, say_aside, shard, strips};
+use crate::{effect, mirrors, reference, say, say_aside, shard, speak, strips};
 use glam::DVec3;
 use lightsum::engine::ShutterEnd;
+use lightsum::film::HostFilm;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Surfaces, Wanted};
 use lightsum::pass::layout::PointLight;
 use lightsum::scene::{self, Camera, RenderDefaults, Scene};
@@ -45,10 +46,12 @@ pub struct Job {
 /// Runs the command.
 pub fn run(args: &Render) -> Result<()> {
     let part = shard::Part::of(args)?;
-    let state = args.output.outputs.first().filter(|_| part.is_none()).map(|output| State::path_for(output));
+    let has_state = |output: &&PathBuf| part.is_none() && !output::is_standard_output(output);
+    let state = args.output.outputs.first().filter(has_state).map(|output| State::path_for(output));
     let mut files = outputs(args, state.as_ref());
     files.iter().try_for_each(|file| output::check_writable(file))?;
     let _claim = output::claim(files.iter().map(PathBuf::as_path))?;
+    speak::leave_output_to(files.iter().map(PathBuf::as_path));
     let (job, scene, moment) = prepare(args)?;
     if let Some(path) = &args.output.export_lights {
         files.extend(scene::exported_files(path, &scene));
@@ -208,6 +211,15 @@ fn radiosity(
     }
     if let Some((path, state)) = &earlier {
         checkpoint::go_on(path, state, &mut renderer)?;
+    }
+    if let Some(path) = state_path {
+        let bytes = HostFilm::byte_count(renderer.engine().view().size(), job.settings.summands);
+        // Without --resume the state is written only by a run that takes long.
+        match output::check_room(path, bytes as u64) {
+            Err(error) if args.stop.resume => return Err(error),
+            Err(error) => log::warn!("no checkpoint will be written: {error}"),
+            Ok(()) => {}
+        }
     }
 
     let mut checkpoints = Checkpoints::new(state_path, args.stop.checkpoint.0);

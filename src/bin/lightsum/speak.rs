@@ -14,8 +14,17 @@ use lightsum::{Error, Result};
 static MUTE: AtomicBool = AtomicBool::new(false);
 /// Whether errors alone are told.
 static QUIET: AtomicBool = AtomicBool::new(false);
+/// Whether a file of the run goes to standard output.
+static IS_TAKEN: AtomicBool = AtomicBool::new(false);
 /// The file of `--log-file`, the start of the program, and the claim that keeps it from being another output as well.
 static LOG: OnceLock<(Mutex<File>, Instant, Claim)> = OnceLock::new();
+
+/// Leaves standard output to a file of the run, if one of these goes there: lines go to standard error.
+pub fn leave_output_to<'a>(files: impl IntoIterator<Item = &'a Path>) {
+    if files.into_iter().any(output::is_standard_output) {
+        IS_TAKEN.store(true, Ordering::Relaxed);
+    }
+}
 
 /// Says nothing from now on but warnings.
 #[cfg(feature = "mpi")]
@@ -30,6 +39,9 @@ pub fn is_quiet() -> bool {
 
 /// Prints a line to standard output; ignores a closed pipe.
 pub fn say(line: &str) {
+    if IS_TAKEN.load(Ordering::Relaxed) {
+        return say_aside(line);
+    }
     note("", line);
     if !MUTE.load(Ordering::Relaxed) {
         let _ = writeln!(std::io::stdout(), "{line}");
