@@ -46,6 +46,7 @@ use std::sync::Arc;
 
 use crate::accel::Bvh;
 use crate::accel::objects::ObjectTrees;
+use crate::cluster::PassPoints;
 use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
 use crate::film::Film;
@@ -207,6 +208,17 @@ impl Engine {
     /// After an error do not submit the command buffer; the engine is unchanged.
     pub fn record_pass(&mut self, rec: &mut Recorder) -> Result<()> {
         self.record_part(rec, &Part::Whole)
+    }
+
+    /// [`Engine::record_pass`] with shaded points of all pixels from elsewhere ([`Renderer::points_of`](crate::Renderer::points_of)), which must stay
+    /// as they are until the commands have been executed.
+    ///
+    /// Errors: some points are missing; pixels depend on others ([`View::check_tasks`]).
+    pub fn record_pass_from(&mut self, rec: &mut Recorder, points: &mut PassPoints) -> Result<()> {
+        self.apply_edits()?;
+        self.plan.view.check_tasks(&self.plan.settings)?;
+        let staging = points.stage(&self.context, &self.frame)?;
+        self.record_part(rec, &Part::Rest(&staging))
     }
 
     /// [`Engine::record_pass`] for a part of it.

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::Edit;
 use crate::output::About;
 use crate::settings::Traversal;
 use crate::view::Task;
@@ -55,6 +56,8 @@ pub enum Message {
         /// Its times.
         timings: Value,
     },
+    /// To a rank: what has changed in camera, settings and scene since the edits before.
+    Edits(Vec<Edit>),
     /// To a rank: shade the points of this task in a pass of a frame.
     Shade(Shade),
     /// To the master: they are in the load. Asks for a task.
@@ -68,7 +71,7 @@ pub enum Message {
 /// A part of a pass of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shade {
-    /// Number of the frame.
+    /// Number of the frame; in a window that of the pass among all that were begun.
     pub frame: u32,
     /// Number of the pass in what the frame accumulates.
     pub pass: u32,

@@ -26,7 +26,7 @@ pub enum Surface {
 
 /// How much of a surface is there: rays pass the rest as if there were nothing, without a change of direction. The alpha of the base
 /// texture, where there is one, multiplies the opacity.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub enum Alpha {
     /// All of it, whatever the texture's alpha.
     #[default]
@@ -95,7 +95,7 @@ impl Alpha {
 /// kd = base_color (1 - metallic) (1 - mean F), F0 = mix(specular, base_color, metallic), GGX alpha = roughness^2.
 /// There is no specular lobe where F0 is 0. With a `phong_exponent` the lobe is that of [`crate::bsdf::phong`], with `anisotropy` that of
 /// [`crate::bsdf::anisotropic`], with a `lobe` that of [`crate::bsdf::table`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     /// Name in the file.
     pub name: String,
@@ -148,7 +148,8 @@ pub struct Material {
     /// Whether flat faces of this material are planar reflectors, and if `true` smooth curved ones curved reflectors; `None`: see [`Material::may_reflect`].
     pub reflector: Option<bool>,
     /// Measured lobe, without the Fresnel factor, in place of GGX ([`crate::bsdf::table`]); `roughness`, `phong_exponent` and `anisotropy` have no
-    /// effect then. Of thin glass it is the lobe that blurs the image behind it.
+    /// effect then. Of thin glass it is the lobe that blurs the image behind it. Not serialised.
+    #[serde(skip)]
     pub lobe: Option<Arc<Table>>,
 }
 

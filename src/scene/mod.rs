@@ -340,7 +340,7 @@ pub struct Texture {
 }
 
 /// A light that is not an emissive triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Light {
     /// Isotropic point: radiant intensity in W/sr.
     Point {

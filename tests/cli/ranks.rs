@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 use lightsum::output::FilmFile;
 
 use crate::render::{SCENE, cache, command, contents, folder, kill, succeeds, text};
+#[cfg(feature = "viewer")]
+use crate::view::{self, Display};
 
 /// mpirun with the program and its arguments, in a folder.
 fn mpirun(folder: &Path, ranks: usize, arguments: &str) -> Command {
@@ -289,4 +291,73 @@ fn a_bake_has_the_files_of_one_process() {
         files.filter(|(name, _)| name.ends_with(".exr")).collect::<Vec<_>>()
     });
     assert!(!maps[0].is_empty() && maps[0] == maps[1]);
+}
+
+/// A window on rank 0, whose points the other ranks shade: camera, size, settings, objects and materials as a script changes them.
+#[test]
+#[cfg(feature = "viewer")]
+fn a_window_shows_what_ranks_shade() {
+    let (display, folder) = (Display::open(), view::folder());
+    let script = |name: &str| {
+        format!(
+            "window 96x72
+panel off
+passes 2
+screenshot {name}-start.exr
+drag right 20,20 32,26          # the view turns
+wheel 0.5
+set --particles 8 --max-depth 3 --seed 3 --compensation exact --superposition off
+window 80x60
+passes 4
+screenshot {name}-turned.exr
+click 40,32                     # the box is chosen
+drag left 40,32 52,26           # and moved
+passes 3
+screenshot {name}-moved.exr
+lights on                       # rank 0 renders alone
+passes 2
+lights off
+drop other.toml                 # is refused
+passes 3
+screenshot {name}-last.png
+quit
+"
+        )
+    };
+    let flags = "--particles 4 --max-depth 3 --traversal single --compensation exact --superposition off --validation";
+    let show = |name: &str, mut command: Command| {
+        let script = if name == "one" { script(name).replace("drop other.toml", "") } else { script(name) };
+        fs::write(folder.path().join("script.txt"), script).unwrap();
+        command.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").env("WINIT_X11_SCALE_FACTOR", "1");
+        let output = command.output().unwrap();
+        let (told, said) = (text(&output.stdout), text(&output.stderr));
+        assert!(output.status.success(), "{told}{said}");
+        let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
+        assert_eq!((&summary["validation_messages"], &summary["bytes_not_given_back"]), (&0.into(), &0.into()));
+        (summary["shared_frames"].as_u64().unwrap(), said)
+    };
+    let line = format!("view scene.toml --script script.txt {flags}");
+    let (shared, _) = show("one", command(folder.path(), &line));
+    assert_eq!(shared, 0);
+    let same = |name: &str| {
+        for part in ["start.exr", "turned.exr", "moved.exr", "last.png"] {
+            let [a, b] = ["one", name].map(|name| fs::read(folder.path().join(format!("{name}-{part}"))).unwrap());
+            assert!(a == b, "{name}-{part} differs");
+        }
+    };
+    for ranks in [2, 3] {
+        let (shared, said) = show("many", mpirun(folder.path(), ranks, &format!("{line} --cluster-tasks tiles")));
+        assert!(shared >= 12, "{shared} frames of {ranks} ranks");
+        assert!(said.contains("rank 0 renders alone") && said.contains("start again"), "{said}");
+        same("many");
+    }
+    // In few bytes the image is nearly the same.
+    let (shared, _) = show("few", mpirun(folder.path(), 3, &line));
+    assert!(shared >= 12, "{shared} frames");
+    let levels = |name: &str| image::open(folder.path().join(name)).unwrap().to_rgb8().into_raw();
+    let differences = levels("one-last.png").into_iter().zip(levels("few-last.png")).map(|(a, b)| a.abs_diff(b));
+    let (sum, count) = differences.fold((0, 0), |(sum, count), difference| (sum + u32::from(difference), count + 1));
+    assert!(f64::from(sum) < 0.5 * f64::from(count), "{sum} levels over {count} values");
+    let output = mpirun(folder.path(), 2, "view").output().unwrap();
+    assert!(!output.status.success() && text(&output.stderr).contains("SCENE"), "{}", text(&output.stderr));
 }

@@ -40,13 +40,13 @@ fov_y = 30.0
 const QUICK: &str = "--particles 4 --max-depth 3 --traversal single";
 
 /// An X server without a screen, which goes with the test.
-struct Display {
+pub struct Display {
     server: Child,
-    name: String,
+    pub name: String,
 }
 
 impl Display {
-    fn open() -> Display {
+    pub fn open() -> Display {
         let mut server = Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp"])
             .stdout(Stdio::piped())
@@ -67,7 +67,7 @@ impl Drop for Display {
     }
 }
 
-fn folder() -> tempfile::TempDir {
+pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (other, glossy) = (
         SCENE.replace("30.0", "24.0"),

@@ -40,6 +40,8 @@ pub use short_help::{command, parse};
 pub use values::extent;
 use values::{address, bytes, checkpoint, crop, exposure, image_path, output_path, resolution, seconds};
 pub use values::{check_resolution, is_film};
+#[cfg(all(feature = "viewer", feature = "mpi"))]
+pub use view::Sent;
 #[cfg(feature = "viewer")]
 pub use view::{MAX_COARSER, View};
 

@@ -4,16 +4,19 @@
 //! 1. Every rank says who it is; the master compares ([`Message::Hello`]).
 //! 2. The master reads the scene and broadcasts its files ([`Message::Load`]); the others read it from these, open their devices and tell
 //!    what they would render ([`Message::Ready`]).
-//! 3. Tasks, by the command: [`render`] and [`bake`] ([`passes`]), [`animate`] (frames), [`tiles`] (parts of frames).
+//! 3. Tasks, by the command: [`render`] and [`bake`] ([`passes`]), [`animate`] (frames), [`tiles`] and [`view`](crate::view) (parts of frames).
 //! 4. [`Message::End`] to all, and [`Message::Bye`] of all: no message is under way when MPI ends.
 
 mod animate;
 mod bake;
 mod client;
+mod given;
 mod link;
 mod passes;
 mod render;
 mod tiles;
+#[cfg(feature = "viewer")]
+mod view;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -75,10 +78,12 @@ impl Master<'_> {
             Some(Command::Animate(args)) if args.cluster_tasks != ClusterTasks::Frames => tiles::run(self, args),
             Some(Command::Animate(args)) => animate::run(self, args),
             Some(Command::Bake(args)) => bake::run(self, args),
+            #[cfg(feature = "viewer")]
+            Some(Command::View(args)) => view::run(self, args),
             _ => Err(Error::Setting {
                 name: "mpirun",
                 message: String::from(
-                    "render, animate and bake run on several ranks; start other commands without mpirun",
+                    "render, animate, bake and view run on several ranks; start other commands without mpirun",
                 ),
             }),
         }

@@ -100,7 +100,7 @@ fn run(arguments: &Arguments) -> Result<bool> {
         Some(Command::Manual(manual)) => manual::run(manual),
         Some(Command::Merge(merge)) => merge::run(merge),
         #[cfg(feature = "viewer")]
-        Some(Command::View(view)) => view::run(view),
+        Some(Command::View(view)) => view::run(view, None),
         _ => devices::run(false),
     }
     .map(|()| true)

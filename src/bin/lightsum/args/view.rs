@@ -1,12 +1,21 @@
 //! Flags of `view`.
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-use super::Moving;
+use super::{Moving, Ranks};
 
 /// Maximum of `--coarser`.
 pub const MAX_COARSER: u32 = 8;
+
+/// How ranks send the points that they shade for a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Sent {
+    /// As they are.
+    Tiles,
+    /// In a tenth of the bytes, rounded.
+    PackedTiles,
+}
 
 /// Flags of `view`.
 #[derive(Clone, Debug, Args)]
@@ -27,4 +36,11 @@ pub struct View {
     pub script: Option<PathBuf>,
     #[command(flatten)]
     pub shown: Moving,
+    #[command(flatten)]
+    pub cluster: Ranks,
+    /// Under mpirun, how ranks send the points that they shade for rank 0, which has the window.
+    ///
+    /// tiles: as they are, for the bits of one process. packed-tiles: in a tenth of the bytes, rounded.
+    #[arg(long, value_name = "TASKS", value_enum, default_value = "packed-tiles", help_heading = "Cluster")]
+    pub cluster_tasks: Sent,
 }

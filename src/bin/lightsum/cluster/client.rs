@@ -5,18 +5,24 @@ use std::time::Instant;
 
 use cpu_time::ProcessTime;
 use lightsum::cluster::Message;
-use lightsum::cluster::message::{Hello, Ready, Work};
+use lightsum::cluster::message::{Hello, Ready, Shade, Work};
 use lightsum::cluster::points::Shape;
 use lightsum::output::About;
 use lightsum::settings::{Exposure, Traversal};
+#[cfg(feature = "viewer")]
+use lightsum::standalone::RenderOptions;
 use lightsum::standalone::{self, Renderer};
 use lightsum::{Error, Result, input, output};
 use log::LevelFilter;
 
 use super::{Link, processor_since};
 use crate::animate::{Player, Script};
+#[cfg(feature = "viewer")]
+use crate::args::Sent;
 use crate::args::{self, Animate, Arguments, ClusterTasks, Command, Render};
 use crate::render::{self, metadata};
+#[cfg(feature = "viewer")]
+use crate::view;
 use crate::{bake, mirrors, shard};
 
 /// Renders until the master ends it. The master is told of errors and prints them.
@@ -67,6 +73,8 @@ impl Client<'_> {
             Some(Command::Render(args)) => self.render(args, traversal),
             Some(Command::Animate(args)) => self.animate(args, traversal),
             Some(Command::Bake(args)) => self.bake(args, traversal),
+            #[cfg(feature = "viewer")]
+            Some(Command::View(args)) => self.view(args, traversal),
             // The master has refused it.
             _ => Ok(()),
         }
@@ -165,22 +173,57 @@ impl Client<'_> {
                         player.place(shade.frame as usize)?;
                         placed = Some(shade.frame);
                     }
-                    let points = player.renderer.points_of(shade.pass, &shade.task)?;
-                    let engine = player.renderer.engine();
-                    let points = match args.cluster_tasks {
-                        ClusterTasks::PackedTiles => {
-                            points.pack(&Shape::of(engine), &engine.plan().parameters(shade.pass)?)
-                        }
-                        _ => points.to_bytes(),
-                    };
-                    self.work.rendering += start.elapsed().as_secs_f64();
-                    self.work.passes += 1;
-                    self.link.send(0, &Message::Shaded(shade), &points);
+                    self.shade(&mut player.renderer, shade, args.cluster_tasks == ClusterTasks::PackedTiles, start)?;
                 }
                 Message::Frames([first, end]) => {
                     for number in first..end {
                         self.frame(&mut player, number)?;
                     }
+                }
+                Message::End => return Ok(()),
+                other => return Err(strange(&other)),
+            }
+        }
+    }
+
+    /// Shades the points of a task, begun at `start`, and sends them.
+    fn shade(&mut self, renderer: &mut Renderer, shade: Shade, packed: bool, start: Instant) -> Result<()> {
+        let points = renderer.points_of(shade.pass, &shade.task)?;
+        let engine = renderer.engine();
+        let points = match packed {
+            true => points.pack(&Shape::of(engine), &engine.plan().parameters(shade.pass)?),
+            false => points.to_bytes(),
+        };
+        self.work.rendering += start.elapsed().as_secs_f64();
+        self.work.passes += 1;
+        self.link.send(0, &Message::Shaded(shade), &points);
+        Ok(())
+    }
+
+    /// Shades points of a window's images, as edits make them.
+    #[cfg(feature = "viewer")]
+    fn view(&mut self, args: &args::View, traversal: Traversal) -> Result<()> {
+        let Some(path) = &args.scene else { return Ok(()) };
+        let (scene, camera, settings) = view::prepare(path, args, None)?;
+        let device = &args.shown.device;
+        let options = RenderOptions {
+            device: device.device.clone().unwrap_or_default(),
+            validation: device.validation,
+            max_memory: device.max_device_memory,
+            pipeline_cache: render::pipeline_cache(),
+            traversal: Some(traversal),
+            dynamic: true,
+            ..RenderOptions::default()
+        };
+        let mut renderer = Renderer::new(scene, camera, settings, &options)?;
+        self.ready(&renderer, About::default())?;
+        loop {
+            match self.link.wait()?.1 {
+                Message::Edits(edits) => {
+                    edits.into_iter().try_for_each(|edit| edit.apply(renderer.engine_mut()))?;
+                }
+                Message::Shade(shade) => {
+                    self.shade(&mut renderer, shade, args.cluster_tasks == Sent::PackedTiles, Instant::now())?;
                 }
                 Message::End => return Ok(()),
                 other => return Err(strange(&other)),

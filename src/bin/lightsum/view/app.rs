@@ -4,6 +4,7 @@
 //! the engine if the image wants one, the image for the display, and the panel.
 
 mod events;
+mod shared;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -17,6 +18,7 @@ use lightsum::settings::Exposure;
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 use winit::dpi::{LogicalSize, PhysicalSize};
+use winit::event::WindowEvent;
 use winit::event_loop::ActiveEventLoop;
 use winit::keyboard::{KeyCode, ModifiersState};
 use winit::window::{Fullscreen, Window};
@@ -24,10 +26,11 @@ use winit::window::{Fullscreen, Window};
 use super::clock::Clock;
 use super::keys::{Action, MOVES};
 use super::navigate::{self, Mode};
+use super::others::Others;
 use super::panel::{Notice, Panel, Request, WIDTH};
 use super::pointer::Pointer;
 use super::script::Script;
-use super::session::{Look, Session};
+use super::session::{Look, Pass, SIZE, Session};
 use super::stage::Stage;
 use crate::args::View;
 use crate::say_aside;
@@ -42,11 +45,9 @@ const SETTLE: Duration = Duration::from_millis(200);
 const COARSER_KEY: u32 = 4;
 /// Part of the size of what is seen that held keys fly in a second.
 const SPEED: f32 = 0.3;
-/// Size of the image unless flags say otherwise.
-const SIZE: [u32; 2] = [640, 480];
 
 /// The program.
-pub struct App {
+pub struct App<'a> {
     pub(super) args: Arc<View>,
     pub(super) stage: Option<Stage>,
     pub(super) session: Option<Session>,
@@ -84,6 +85,16 @@ pub struct App {
     /// Most kernels that were drawn.
     kernels: usize,
     failure: Option<Error>,
+    /// Those that shade points of passes.
+    others: Option<Box<dyn Others + 'a>>,
+    /// They have been asked for the next pass. The view must not change until it is recorded.
+    asked: bool,
+    /// What happened meanwhile.
+    deferred: Vec<WindowEvent>,
+    /// Frames with a pass of theirs.
+    shared_frames: u64,
+    /// The latest reason why they were not asked.
+    alone: Option<String>,
 }
 
 /// A scene that is being loaded.
@@ -92,8 +103,8 @@ pub struct Loading {
     done: Receiver<Result<Session>>,
 }
 
-impl App {
-    pub fn new(args: &View, script: Option<Script>) -> App {
+impl<'a> App<'a> {
+    pub fn new(args: &View, script: Option<Script>, others: Option<Box<dyn Others + 'a>>) -> App<'a> {
         App {
             args: Arc::new(args.clone()),
             stage: None,
@@ -128,24 +139,32 @@ impl App {
             coarse_frames: 0,
             kernels: 0,
             failure: None,
+            others,
+            asked: false,
+            deferred: Vec::new(),
+            shared_frames: 0,
+            alone: None,
         }
     }
 
     /// Ends everything; returns what was measured, as JSON.
     pub fn end(self) -> (Value, Result<()>) {
-        let App { stage, session, loading, clock, frames, coarse_frames, kernels, failure, .. } = self;
+        let App {
+            stage, session, loading, clock, frames, coarse_frames, shared_frames, kernels, failure, others, ..
+        } = self;
         if let Some(stage) = &stage {
             stage.window.set_visible(false);
         }
         // A scene that is still being loaded keeps the device until it is there.
         drop(loading.map(|loading| loading.done.recv()));
-        drop(session);
+        drop((session, others));
         let watch = stage.as_ref().map(|stage| stage.device.take_messages()).unwrap_or_default();
         let (bytes, messages) = stage.map(Stage::end).unwrap_or_default();
         let messages = [watch, messages.take()].concat();
         let summary = json!({
             "frames": frames,
             "coarse_frames": coarse_frames,
+            "shared_frames": shared_frames,
             "kernels": kernels,
             "moving_frame_ms": clock.moving.json(),
             "input_to_image_ms": clock.latency.json(),
@@ -239,14 +258,19 @@ impl App {
     /// Starts loading a scene, on a thread of its own.
     pub(super) fn load(&mut self, path: PathBuf) {
         let Some(stage) = &self.stage else { return };
+        if self.others.is_some() && self.session.is_some() {
+            let path = path.display();
+            return self.tell(true, format!("{path}: the ranks have another scene; start again with this one"));
+        }
         let (context, args, file) = (stage.context.clone(), self.args.clone(), path.clone());
         let [.., width, height] = self.image;
         let size =
             if width > 0 && height > 0 { Some([width, height]) } else { self.args.shown.resolution.or(Some(SIZE)) };
         let (send, done) = channel();
+        let measured = self.others.is_none();
         std::thread::spawn(move || {
             // Nobody waits for it any more if another scene was opened meanwhile.
-            let _ = send.send(Session::open(&context, &file, &args, size));
+            let _ = send.send(Session::open(&context, &file, &args, size, measured));
         });
         self.loading = Some(Loading { path, done });
         self.dirty = true;
@@ -290,6 +314,15 @@ impl App {
     }
 
     fn tick_frame(&mut self, events: &ActiveEventLoop) -> Result<()> {
+        if !self.asked {
+            let deferred = std::mem::take(&mut self.deferred);
+            deferred.iter().for_each(|event| self.take(events, event));
+        }
+        // A script goes step by step; else others begin the next pass while this one is filtered.
+        if self.script.is_none() {
+            self.ask()?;
+        }
+        let shaded = self.are_shaded();
         let Some(stage) = &mut self.stage else { return Ok(()) };
         if !stage.presenter.is_idle()? {
             return Ok(());
@@ -301,15 +334,40 @@ impl App {
         if self.hidden.is_some_and(|until| until > Instant::now()) {
             return Ok(());
         }
-        if self.settled {
+        if self.asked {
+            return if shaded { self.frame() } else { Ok(()) };
+        }
+        if self.settled && !self.is_unfit() {
             self.run_script(events)?;
+        }
+        if self.script.is_some() {
+            self.ask()?;
+        }
+        if self.asked {
+            return Ok(());
         }
         let panel_wants = self.again.is_some_and(|at| at <= Instant::now());
         let flies = MOVES.iter().any(|(key, _)| self.down.contains(key));
-        if self.dirty || panel_wants || flies || self.wants_pass() || self.refines() {
+        if self.dirty || panel_wants || flies || self.wants_pass() || self.refines() || self.is_unfit() {
             self.frame()?;
         }
         Ok(())
+    }
+
+    /// Gives the image the size at which it is shown. Returns an error that has not been told.
+    fn fit(&mut self) -> Option<Error> {
+        let (size, coarser) = ([self.image[2], self.image[3]], self.coarser());
+        let session = self.session.as_mut().filter(|_| size[0] > 0 && size[1] > 0 && self.refused != Some(size))?;
+        match session.resize(size, coarser) {
+            Ok(true) => self.clock.input(),
+            Ok(false) => {}
+            Err(error) => {
+                // An image of the size before is shown enlarged.
+                self.refused = Some(size);
+                return Some(error);
+            }
+        }
+        None
     }
 
     fn wants_pass(&self) -> bool {
@@ -353,9 +411,19 @@ impl App {
         Ok(())
     }
 
-    /// Draws the panel and records a frame.
+    /// Whether the image is not of the size at which it is shown, and can be.
+    fn is_unfit(&self) -> bool {
+        let size = [self.image[2], self.image[3]];
+        let fits = self.session.as_ref().is_none_or(|session| session.camera().resolution == size);
+        !fits && size[0] > 0 && size[1] > 0 && self.refused != Some(size)
+    }
+
+    /// Draws the panel and records a frame. Of points that others have shaded the view stays as it is.
     fn frame(&mut self) -> Result<()> {
-        self.fly()?;
+        let shared = self.asked;
+        if !shared {
+            self.fly()?;
+        }
         let Some(stage) = &mut self.stage else { return Ok(()) };
         let (input, window) = (stage.input.take_egui_input(&stage.window), stage.window.inner_size());
         let context = stage.input.egui_ctx().clone();
@@ -379,39 +447,33 @@ impl App {
         self.again = delay.filter(|delay| *delay < Duration::from_secs(3600)).map(|delay| Instant::now() + delay);
         self.dirty = false;
         self.image = in_pixels(place, scale, window);
-        for request in requests {
-            self.fulfil(request);
+        if !shared {
+            std::mem::take(&mut requests).into_iter().for_each(|request| self.fulfil(request));
         }
+        let refusal = if shared { None } else { self.fit() };
 
-        let (pass, wanted, coarser) = (self.wants_pass(), self.image, self.coarser());
+        let own = !shared && self.wants_pass() && (self.others.is_none() || self.alone.is_some());
         let (Some(stage), look) = (&mut self.stage, self.look) else { return Ok(()) };
         stage.presenter.resize([window.width, window.height]);
-        let [x, y, width, height] = wanted;
+        let [x, y, width, height] = self.image;
         let mut session = self.session.as_mut().filter(|_| width > 0 && height > 0);
-        let mut refusal = None;
-        if let Some(session) = &mut session {
-            let size = [width, height];
-            if self.refused != Some(size) {
-                match session.resize(size, coarser) {
-                    Ok(true) => self.clock.input(),
-                    Ok(false) => {}
-                    Err(error) => {
-                        // An image of the size before is shown enlarged.
-                        self.refused = Some(size);
-                        refusal = Some(error);
-                    }
-                }
-            }
-        }
         let first = session.as_ref().is_some_and(|session| session.engine().passes_unchanged() == 0);
-        let has_session = session.is_some();
-        let pass = pass && has_session;
+        let points = match &mut self.others {
+            Some(others) if shared => others.points()?,
+            _ => None,
+        };
+        let mut pass = match points {
+            Some(points) => Pass::Of(points),
+            None if own => Pass::Own,
+            None => Pass::None,
+        };
+        let has_pass = session.is_some() && !matches!(pass, Pass::None);
         let painter = &mut stage.painter;
         let outcome = stage.presenter.show(
             Some(&stage.timers),
             |rec| {
                 let Some(session) = session.as_mut() else { return Ok(None) };
-                let image = session.record(rec, &look, pass)?;
+                let image = session.record(rec, &look, std::mem::replace(&mut pass, Pass::None))?;
                 Ok(Some(Shown { image, at: [x, y], size: [width, height] }))
             },
             |canvas| painter.draw(canvas, scale, &shapes),
@@ -419,17 +481,23 @@ impl App {
         match outcome {
             Outcome::Submitted => {
                 session.into_iter().for_each(Session::submitted);
-                if pass {
+                if has_pass {
                     self.clock.begin();
                 }
-                self.flight = Some((pass, first));
+                self.flight = Some((has_pass, first));
+                if shared {
+                    self.pass_recorded(has_pass);
+                }
             }
             Outcome::Failed(error) => {
                 self.flight = Some((false, false));
+                self.asked = false;
                 return Err(error);
             }
             Outcome::Skipped => self.hidden = Some(Instant::now() + HIDDEN),
         }
+        // The view may change again.
+        requests.into_iter().for_each(|request| self.fulfil(request));
         refusal.map_or(Ok(()), Err)
     }
 

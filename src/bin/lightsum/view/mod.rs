@@ -1,7 +1,8 @@
 //! `lightsum view`: a window on a scene.
 //!
 //! The window's program is a host of the engine like any other: it makes the device ([`lightsum::gpu::surface`]), lends it, and has the
-//! engine record its passes into the command buffer of each frame, in which the panel is drawn too.
+//! engine record its passes into the command buffer of each frame, in which the panel is drawn too. Under `mpirun` other processes shade the
+//! points of these passes ([`Others`]).
 
 mod app;
 mod clock;
@@ -9,6 +10,7 @@ mod keys;
 mod navigate;
 mod objects;
 mod options;
+mod others;
 mod overlay;
 mod painter;
 mod panel;
@@ -25,10 +27,12 @@ use winit::event_loop::EventLoop;
 use crate::args::View;
 use crate::say;
 use app::App;
+pub use others::Others;
 use script::Script;
+pub use session::prepare;
 
-/// Runs the command.
-pub fn run(args: &View) -> Result<()> {
+/// Runs the command. `others`: those that shade points for it.
+pub fn run(args: &View, others: Option<Box<dyn Others + '_>>) -> Result<()> {
     let script = args.script.as_deref().map(Script::load).transpose()?;
     let scripted = script.is_some();
     let no_window = |error: &dyn std::fmt::Display| {
@@ -40,7 +44,7 @@ pub fn run(args: &View) -> Result<()> {
         ))
     };
     let events = event_loop().map_err(|error| no_window(&error))?;
-    let mut app = App::new(args, script);
+    let mut app = App::new(args, script, others);
     events.run_app(&mut app).map_err(|error| no_window(&error))?;
     let (summary, outcome) = app.end();
     if scripted {

@@ -16,7 +16,7 @@ use super::script::{Command, Script};
 /// Places that the mouse passes in a drag.
 const PLACES: u32 = 3;
 
-impl App {
+impl App<'_> {
     /// Runs the next command if what the last one waits for is there.
     pub(super) fn run_script(&mut self, events: &ActiveEventLoop) -> Result<()> {
         let Some(Script(commands)) = &mut self.script else { return Ok(()) };

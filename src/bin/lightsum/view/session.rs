@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
+use lightsum::cluster::{Edit, Edits, PassPoints};
 use lightsum::gpu::{Buffer, Context, Image, Memory, Recorder};
 use lightsum::output::{Encoding, Tonemap, Wanted};
 use lightsum::pass::display::{Curve, Display};
@@ -23,6 +24,8 @@ use crate::args::View;
 use crate::render::{Job, metadata, moving_settings, pipeline_cache};
 use crate::{camera, effect};
 
+/// Size of the image unless flags say otherwise.
+pub const SIZE: [u32; 2] = [640, 480];
 /// Name of the scope around all of a frame's GPU passes.
 pub const WHOLE: &str = "frame";
 
@@ -57,6 +60,8 @@ pub struct Session {
     pub placed: BTreeMap<u32, Placed>,
     /// The keys recorded so far.
     pub route: Route,
+    /// What was changed, since the engine was made or before.
+    pub edits: Edits,
     engine: Engine,
     /// The scene, where it cannot be edited, since it shows light that was kept.
     still: Option<Scene>,
@@ -102,16 +107,40 @@ fn boxes(scene: &Scene) -> Vec<(Vec3, Vec3)> {
     boxes
 }
 
+/// A pass of a frame.
+pub enum Pass<'a> {
+    /// The frame has none.
+    None,
+    /// By this process alone.
+    Own,
+    /// Of points that others have shaded.
+    Of(&'a mut PassPoints),
+}
+
+/// Loads a scene, for an image of this size; `None`: the size that flags name, or that of a window.
+pub fn prepare(path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<(Scene, Camera, Settings)> {
+    let mut scene = scene::load_with(path, &args.shown.reading.options())?;
+    args.shown.keys.override_scene(&mut scene, "view")?;
+    args.shown.kept.read(&mut scene)?;
+    let camera = camera::choose(&scene, &args.shown.camera, size.or(args.shown.resolution).or(Some(SIZE)))?;
+    let settings = moving_settings(&scene.render, camera.resolution)?;
+    Ok((scene, camera, settings))
+}
+
 impl Session {
-    /// Loads a scene and makes its engine on a lent device, for an image of this size; `None`: the size that flags and scene name.
-    pub fn open(context: &Context, path: &Path, args: &View, size: Option<[u32; 2]>) -> Result<Session> {
-        let mut scene = scene::load_with(path, &args.shown.reading.options())?;
-        args.shown.keys.override_scene(&mut scene, "view")?;
-        args.shown.kept.read(&mut scene)?;
-        let camera = camera::choose(&scene, &args.shown.camera, size.or(args.shown.resolution))?;
-        let settings = moving_settings(&scene.render, camera.resolution)?;
+    /// Loads a scene and makes its engine on a lent device, for an image of this size, as [`prepare`] does. `measured`: with the faster traversal
+    /// kernel where flags leave it open.
+    pub fn open(
+        context: &Context,
+        path: &Path,
+        args: &View,
+        size: Option<[u32; 2]>,
+        measured: bool,
+    ) -> Result<Session> {
+        let (mut scene, camera, settings) = prepare(path, args, size)?;
         effect::warn(&args.shown.keys.typed(), &settings, &scene);
-        let settings = standalone::with_traversal(context, settings, pipeline_cache().as_deref())?;
+        let cache = pipeline_cache().filter(|_| measured);
+        let settings = standalone::with_traversal(context, settings, cache.as_deref())?;
         let (name, origin) = (scene.name.clone(), scene.origin);
         let middle = |(low, high): (Vec3, Vec3)| if low.cmple(high).all() { 0.5 * (low + high) } else { Vec3::ZERO };
         let pivots = boxes(&scene).into_iter().map(middle).collect();
@@ -124,8 +153,12 @@ impl Session {
                 (engine, Some(scene))
             }
         };
+        let mut edits = Edits::default();
+        edits.add(Edit::Camera(camera));
+        edits.add(Edit::Settings(Box::new(engine.settings().clone())));
         Ok(Session {
             name,
+            edits,
             path: path.to_path_buf(),
             mode: Mode::default(),
             home: camera,
@@ -184,7 +217,10 @@ impl Session {
         if camera.check().is_err() {
             return Ok(());
         }
-        self.engine.set_camera(Camera { resolution: self.rendered().resolution, ..camera })
+        let camera = Camera { resolution: self.rendered().resolution, ..camera };
+        self.engine.set_camera(camera)?;
+        self.edits.add(Edit::Camera(camera));
+        Ok(())
     }
 
     /// Changes the size at which the image is shown, and renders it smaller by a factor. Returns whether anything changed.
@@ -193,6 +229,7 @@ impl Session {
         let changes = rendered != self.engine.view().size();
         if changes {
             self.engine.resize(rendered)?;
+            self.edits.add(Edit::Camera(self.rendered()));
         }
         (self.size, self.coarser) = (size, coarser);
         Ok(changes)
@@ -206,7 +243,9 @@ impl Session {
     /// Changes the settings.
     pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
         self.layer = None;
-        self.engine.set_settings(settings)
+        self.engine.set_settings(settings)?;
+        self.edits.add(Edit::Settings(Box::new(self.engine.settings().clone())));
+        Ok(())
     }
 
     /// The object under a point of the image, in pixels, and the point of it that is seen.
@@ -229,19 +268,25 @@ impl Session {
 
     /// Moves an object.
     pub fn place(&mut self, object: u32, placed: Placed) -> Result<()> {
-        self.engine.set_transform(object, placed.pose.transform(placed.axis, placed.pivot))?;
+        let transform = placed.pose.transform(placed.axis, placed.pivot);
+        self.engine.set_transform(object, transform)?;
+        self.edits.add(Edit::Object(object, transform));
         self.placed.insert(object, placed);
         Ok(())
     }
 
     /// Changes a light without area.
     pub fn set_light(&mut self, index: u32, light: Light) -> Result<()> {
-        self.engine.set_light(index, light)
+        self.engine.set_light(index, light)?;
+        self.edits.add(Edit::Light(index, light));
+        Ok(())
     }
 
     /// Changes a material.
     pub fn set_material(&mut self, index: u32, material: scene::Material) -> Result<()> {
-        self.engine.set_material(index, material)
+        self.engine.set_material(index, material.clone())?;
+        self.edits.add(Edit::Material(index, Box::new(material)));
+        Ok(())
     }
 
     /// The object that the user chose.
@@ -279,8 +324,20 @@ impl Session {
         self.engine.passes_unchanged() < limit
     }
 
-    /// Records a pass if asked, and what is shown; returns that.
-    pub fn record(&mut self, rec: &mut Recorder, look: &Look, pass: bool) -> Result<Image> {
+    /// Why the pixels of a pass cannot be shaded by others, if there is a reason.
+    pub fn stands_alone(&self, look: &Look) -> Option<String> {
+        if look.lights {
+            return Some(String::from("its virtual lights are drawn over the image"));
+        }
+        let plan = self.engine.plan();
+        plan.view.check_tasks(&plan.settings).err().map(|error| match error {
+            Error::Setting { message, .. } => message,
+            error => error.to_string(),
+        })
+    }
+
+    /// Records a pass, if there is one, and what is shown; returns that.
+    pub fn record(&mut self, rec: &mut Recorder, look: &Look, pass: Pass) -> Result<Image> {
         let before = self.engine.passes();
         let mut shown = Err(Error::Interrupted);
         let outcome = rec.scope(WHOLE, |rec| {
@@ -300,21 +357,25 @@ impl Session {
         shown
     }
 
-    fn record_all(&mut self, rec: &mut Recorder, look: &Look, pass: bool) -> Result<Image> {
+    fn record_all(&mut self, rec: &mut Recorder, look: &Look, pass: Pass) -> Result<Image> {
         if !self.set_up {
             self.engine.record_setup(rec)?;
             self.set_up = true;
         }
-        if pass {
+        let has_pass = !matches!(pass, Pass::None);
+        if has_pass {
             self.pending = Some(self.engine.passes());
-            self.engine.record_pass(rec)?;
+            match pass {
+                Pass::Of(points) => self.engine.record_pass_from(rec, points)?,
+                _ => self.engine.record_pass(rec)?,
+            }
             rec.copy_range(&self.engine.frame().status, 0, &self.readback, 0, self.readback.bytes())?;
         }
         self.record_lights(rec, look.lights)?;
         self.record_kernels(rec, look.kernels)?;
         let (context, image) = (self.engine.context().clone(), self.engine.image().clone());
         let is_new = !self.display.as_ref().is_some_and(|display| display.is_of(&image));
-        if pass || is_new {
+        if has_pass || is_new {
             self.engine.record_image(rec)?;
         }
         let (stops, source) = match look.layer.filter(|layer| self.shows(*layer)) {

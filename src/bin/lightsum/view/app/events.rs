@@ -18,7 +18,7 @@ const GLANCE: Duration = Duration::from_millis(1);
 /// Pixels of a trackpad that count as a step of the wheel.
 const WHEEL: f64 = 40.0;
 
-impl App {
+impl App<'_> {
     fn key(&mut self, key: KeyCode, pressed: bool) {
         if !pressed {
             self.down.remove(&key);
@@ -88,7 +88,7 @@ impl App {
     }
 }
 
-impl ApplicationHandler for App {
+impl ApplicationHandler for App<'_> {
     fn new_events(&mut self, events: &ActiveEventLoop, cause: StartCause) {
         if cause == StartCause::Init {
             events.set_control_flow(ControlFlow::Wait);
@@ -114,15 +114,20 @@ impl ApplicationHandler for App {
                 | WindowEvent::ModifiersChanged(_)
         );
         // A script is not disturbed.
-        if !(of_user && self.script.is_some()) {
-            self.take(events, &event);
+        if of_user && self.script.is_some() {
+            return;
+        }
+        match event {
+            WindowEvent::CloseRequested => self.take(events, &event),
+            event if self.asked => self.deferred.push(event),
+            event => self.take(events, &event),
         }
     }
 
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
         self.tick(events);
         let coarse = self.session.as_ref().is_some_and(Session::is_coarse);
-        let busy = self.flight.is_some() || self.loading.is_some() || self.script.is_some() || coarse;
+        let busy = self.flight.is_some() || self.asked || self.loading.is_some() || self.script.is_some() || coarse;
         events.set_control_flow(match self.again {
             _ if self.hidden.is_some_and(|until| until > Instant::now()) => {
                 ControlFlow::WaitUntil(Instant::now() + HIDDEN)
