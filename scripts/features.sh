@@ -7,7 +7,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 if [ $# -eq 0 ]; then
-  set -- "" gltf mitsuba obj ply formats conform viewer hot-reload cli
+  set -- "" images gltf mitsuba obj ply formats conform viewer hot-reload cli
 fi
 for feature in "$@"; do
   echo "--no-default-features --features '$feature'"

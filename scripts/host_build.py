@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PLATFORM = "x86_64-unknown-linux-gnu"
 SETS = [
     ("none", ["--no-default-features"]),
+    ("`images`", ["--no-default-features", "--features", "images"]),
     ("`gltf`", ["--no-default-features", "--features", "gltf"]),
     ("`formats`", ["--no-default-features", "--features", "formats"]),
     ("`viewer`", ["--no-default-features", "--features", "viewer"]),

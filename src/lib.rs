@@ -127,10 +127,11 @@
 //!
 //! # Features
 //!
-//! Without the default ones the library renders what its host builds and what scene descriptions without models hold, with half of the
+//! Without the default ones the library renders what its host builds and what scene descriptions without models hold, with a third of the
 //! dependencies.
 //!
-//! - `gltf`, `mitsuba`, `obj`, `ply` (all of them: `formats`, default): readers of these files. `gltf` reads textures in KTX 2.0 and
+//! - `images`: textures and environments in files, and writing images, maps and glTF.
+//! - `gltf`, `mitsuba`, `obj`, `ply` (all of them: `formats`, default): readers of these files, with `images`. `gltf` reads textures in KTX 2.0 and
 //!   bakes too.
 //! - `cli` (default): what the programs need; they read all formats.
 //! - `conform` (default): the checks of `lightsum-conform`.

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+#[cfg(feature = "images")]
 use glam::Vec3;
 
 use crate::calibrate;
@@ -16,11 +17,13 @@ use crate::estimate::History;
 use crate::film::HostFilm;
 use crate::fingerprint::{Fnv, fingerprint};
 use crate::gpu::{Buffer, Context, ContextOptions, DeviceChoice, Timers, download};
+#[cfg(feature = "images")]
 use crate::light::cosine::exitance;
 use crate::output::{Layers, Provenance, Statistics, Wanted};
 use crate::pass::layout::PointLight;
 use crate::pass::probe;
 use crate::scene::{Camera, Scene};
+#[cfg(feature = "images")]
 use crate::scene::{VirtualLight, export_lights};
 use crate::settings::{Compensation, Settings, Traversal};
 use crate::tiles;
@@ -482,6 +485,7 @@ impl Renderer {
     /// Writes the virtual lights of the latest pass with the scene as glTF (Keller 1997, 5); returns their number.
     ///
     /// Leaves out the specular lobes of the lights: a file's lights emit by powers of the cosine.
+    #[cfg(feature = "images")]
     pub fn export_lights(&mut self, path: &Path) -> Result<usize> {
         if self.passes() == 0 {
             self.pass()?;

@@ -21,10 +21,12 @@ mod batches;
 pub(crate) mod blocks;
 pub mod charts;
 mod file_charts;
+#[cfg(feature = "images")]
 pub mod files;
 #[cfg(feature = "gltf")]
 mod kept;
 pub(crate) mod lightmap;
+#[cfg(feature = "images")]
 mod materials;
 mod moves;
 mod outliers;

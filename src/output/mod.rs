@@ -5,9 +5,12 @@
 //! the temporary files of a killed one ([`claim`]). Same layers, same metadata: same bytes.
 
 mod claim;
+#[cfg(feature = "images")]
 pub mod compare;
+#[cfg(feature = "images")]
 mod cryptomatte;
 pub mod denoise;
+#[cfg(feature = "images")]
 mod exr;
 mod film_file;
 pub mod flip;
@@ -20,6 +23,7 @@ mod temporary;
 pub use claim::{Claim, check_apart, claim};
 pub use film_file::{About, FilmFile, Merger};
 pub use png::Tonemap;
+#[cfg(feature = "images")]
 pub(crate) use png::encode as encode_png;
 pub use state::{Provenance, State};
 pub use stats::Statistics;
@@ -220,11 +224,13 @@ impl Format {
 ///
 /// Errors: [`Error::Setting`] for an unknown extension, [`Error::File`] for layers of the wrong size, [`Error::Io`] if the file
 /// cannot be written.
+#[cfg(feature = "images")]
 pub fn write(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<()> {
     write_file(path, &[&encode(path, layers, metadata, encoding)?])
 }
 
 /// The bytes of [`write()`]. Errors: as that, but for those of the system.
+#[cfg(feature = "images")]
 pub fn encode(path: &Path, layers: &Layers, metadata: &Metadata, encoding: &Encoding) -> Result<Vec<u8>> {
     let format = Format::of(path)?;
     layers.validate(path)?;
@@ -327,29 +333,6 @@ pub fn is_standard_output(path: &Path) -> bool {
         let _ = path;
         false
     }
-}
-
-/// Checks before a long rendering whether the file system of an output has room for `bytes`, as far as it tells: for a user without
-/// privileges, and without quotas. Errors: [`Error::File`] with the room that is left.
-pub fn check_room(path: &Path, bytes: u64) -> Result<()> {
-    #[cfg(unix)]
-    if let Target::File(place) = Target::of(path)? {
-        let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // Of some file systems of networks and users nothing is known.
-        if let Ok(system) = rustix::fs::statvfs(folder)
-            && system.f_blocks > 0
-        {
-            let free = system.f_bavail.saturating_mul(system.f_frsize);
-            if free < bytes {
-                let [free, needed] = [free, bytes].map(|bytes| bytes as f64 / f64::from(1 << 20));
-                let message = format!(
-                    "takes {needed:.1} MiB, and its file system has {free:.1} MiB free; make room, or give another folder"
-                );
-                return Err(Error::file(path, message));
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Kind of a path's target.
@@ -480,17 +463,6 @@ mod tests {
         std::os::unix::fs::symlink(&target, &link).unwrap();
         assert_eq!(Format::of(&link).unwrap(), Format::Exr);
         assert!(is_standard_output(Path::new("/dev/stdout")) && !is_standard_output(&link));
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn room_is_looked_for_in_the_folder() {
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("a.state");
-        check_room(&path, 1).unwrap();
-        let message = check_room(&path, 1 << 62).unwrap_err().to_string();
-        assert!(message.contains("a.state") && message.contains("MiB free"), "{message}");
-        check_room(Path::new("/dev/null"), 1 << 62).unwrap();
     }
 
     #[test]

@@ -1,13 +1,20 @@
 //! PNG for display: exposure, a tone curve, 8 bits for each channel.
 
+#[cfg(feature = "images")]
 use super::Layers;
+#[cfg(feature = "images")]
 use crate::error::{Error, Result};
 use crate::scene::linear_to_srgb;
+#[cfg(feature = "images")]
 use crate::settings::Exposure;
 use glam::{Mat3, Vec3};
+#[cfg(feature = "images")]
 use image::codecs::png::PngEncoder;
+#[cfg(feature = "images")]
 use image::{ExtendedColorType, ImageEncoder};
+#[cfg(feature = "images")]
 use rayon::prelude::*;
+#[cfg(feature = "images")]
 use std::path::Path;
 
 /// Tone curve from radiance to displayed colour.
@@ -36,6 +43,7 @@ impl Tonemap {
 }
 
 /// Encodes the colour layer as a file's bytes; `path` is for messages.
+#[cfg(feature = "images")]
 pub fn encode(path: &Path, layers: &Layers, exposure: Exposure, tonemap: Tonemap) -> Result<Vec<u8>> {
     let scale = exposure.stops(&layers.color).exp2();
     let pixel = |&radiance: &Vec3| (tonemap.apply(radiance * scale) * 255.0).round().to_array().map(|c| c as u8);

@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+#[cfg(feature = "images")]
 use super::cryptomatte::Mattes;
 use crate::accel::Bvh;
 use crate::pass::velocity::{self, Moving};
@@ -78,6 +79,7 @@ impl Surfaces {
     }
 
     /// Mattes of the objects and of the materials; none without their numbers.
+    #[cfg(feature = "images")]
     pub(super) fn mattes(&self) -> Vec<Mattes> {
         let [objects, materials] = &self.names;
         let all = [("CryptoObject", &self.object, objects), ("CryptoMaterial", &self.material, materials)];

@@ -36,7 +36,7 @@ fn unit(greatest: f32) -> f32 {
 
 /// Nearest half, of a number not negative and at most 32768.
 fn half(x: f32) -> u32 {
-    u32::from(exr::prelude::f16::from_f32(x).to_bits())
+    u32::from(half::f16::from_f32(x).to_bits())
 }
 
 fn words([a, b]: [Vec3; 2]) -> [u32; 3] {
@@ -113,7 +113,7 @@ pub fn reference(light: &Light, lookup: Lookup, triangle: u32, back: bool, uv: [
         let greatest = page.direct.iter().chain(&page.indirect).map(|e| e.max_element()).fold(0.0, f32::max);
         let unit = unit(greatest);
         for e in page.direct.iter_mut().chain(&mut page.indirect) {
-            *e = e.map(|x| exr::prelude::f16::from_f32(x / unit).to_f32() * unit);
+            *e = e.map(|x| half::f16::from_f32(x / unit).to_f32() * unit);
         }
     }
     match lookup {

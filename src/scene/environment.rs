@@ -9,12 +9,14 @@
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt;
+#[cfg(feature = "images")]
 use std::io::Cursor;
 use std::path::Path;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
+#[cfg(feature = "images")]
 use super::openexr;
 use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
@@ -107,20 +109,7 @@ impl Environment {
     /// [`Environment::load`] as one of the files of a scene.
     pub(super) fn load_from(inputs: &Inputs, path: &Path) -> Result<Environment> {
         let bytes = inputs.read(path)?;
-        let other = |e: String| Error::file(path, format!("not an environment of the kinds .exr and .hdr: {e}"));
-        let format = image::guess_format(&bytes).map_err(|e| other(e.to_string()))?;
-        let (width, height, texels) = if format == image::ImageFormat::OpenExr {
-            let reserve = |bytes| inputs.take(path, bytes).map_err(|e| e.to_string());
-            let openexr::Pixels { size: [width, height], values } = openexr::decode(&bytes, &reserve).map_err(other)?;
-            (width, height, values.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect::<Vec<_>>())
-        } else {
-            let reader = || image::ImageReader::with_format(Cursor::new(&bytes), format);
-            let (width, height) = reader().into_dimensions().map_err(|e| other(e.to_string()))?;
-            // Decoded, converted, and as texels.
-            inputs.take(path, u64::from(width) * u64::from(height) * 3 * size_of::<Vec3>() as u64)?;
-            let image = reader().decode().map_err(|e| other(e.to_string()))?.into_rgb32f();
-            (width, height, image.into_raw().chunks_exact(3).map(Vec3::from_slice).collect())
-        };
+        let (width, height, texels) = decode(inputs, path, &bytes)?;
         if width != 2 * height || height == 0 {
             let message = format!("{width}x{height} pixels; an environment needs twice as many columns as rows");
             return Err(Error::file(path, message));
@@ -330,6 +319,31 @@ impl Part {
             [[[left, right], [top, middle]], [[left, right], [middle, bottom]]]
         }
     }
+}
+
+/// Size and texels of a file.
+#[cfg(feature = "images")]
+fn decode(inputs: &Inputs, path: &Path, bytes: &[u8]) -> Result<(u32, u32, Vec<Vec3>)> {
+    let other = |e: String| Error::file(path, format!("not an environment of the kinds .exr and .hdr: {e}"));
+    let format = image::guess_format(bytes).map_err(|e| other(e.to_string()))?;
+    Ok(if format == image::ImageFormat::OpenExr {
+        let reserve = |bytes| inputs.take(path, bytes).map_err(|e| e.to_string());
+        let openexr::Pixels { size: [width, height], values } = openexr::decode(bytes, &reserve).map_err(other)?;
+        (width, height, values.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect::<Vec<_>>())
+    } else {
+        let reader = || image::ImageReader::with_format(Cursor::new(bytes), format);
+        let (width, height) = reader().into_dimensions().map_err(|e| other(e.to_string()))?;
+        // Decoded, converted, and as texels.
+        inputs.take(path, u64::from(width) * u64::from(height) * 3 * size_of::<Vec3>() as u64)?;
+        let image = reader().decode().map_err(|e| other(e.to_string()))?.into_rgb32f();
+        (width, height, image.into_raw().chunks_exact(3).map(Vec3::from_slice).collect())
+    })
+}
+
+/// Stands for the decoder where it is not compiled.
+#[cfg(not(feature = "images"))]
+fn decode(_: &Inputs, path: &Path, _: &[u8]) -> Result<(u32, u32, Vec<Vec3>)> {
+    Err(Error::file(path, "this program was built without the feature images, which reads environments"))
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use ktx2::{Format, Reader, SupercompressionScheme};
 
 use super::quietly::quietly;
-use super::texture::Reserve;
+use super::texture_file::Reserve;
 
 /// Most texels of a texture: as many as 16384 x 16384.
 const MOST_TEXELS: u64 = 1 << 28;
@@ -111,7 +111,7 @@ fn transcode(bytes: &[u8], reader: &Reader<&[u8]>, texels: u64, reserve: Reserve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::texture::is_ktx2;
+    use crate::scene::texture_file::is_ktx2;
 
     fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
         super::decode(bytes, &|_| Ok(()))

@@ -9,6 +9,7 @@ pub mod builtin;
 mod curved;
 mod description;
 pub mod environment;
+#[cfg(feature = "images")]
 pub(crate) mod export;
 mod framing;
 #[cfg(feature = "gltf")]
@@ -55,6 +56,7 @@ mod obj_material;
 #[cfg(feature = "obj")]
 mod obj_texture;
 mod objects;
+#[cfg(feature = "images")]
 pub(crate) mod openexr;
 mod origin;
 mod pane;
@@ -68,6 +70,8 @@ mod sky;
 pub mod surfaces;
 mod tessellate;
 mod texture;
+#[cfg(feature = "images")]
+mod texture_file;
 pub(crate) mod validate;
 
 use std::path::PathBuf;
@@ -83,19 +87,24 @@ use crate::superposition::depth_images::DepthImages;
 pub use animation::Animations;
 pub use builder::SceneBuilder;
 pub use environment::Environment;
+#[cfg(feature = "images")]
 pub use export::{VirtualLight, export_lights, exported_files};
 pub(crate) use kept_light::mitchell_filter;
 pub use kept_light::{KeptFace, KeptLight, KeptPage};
+#[cfg(feature = "images")]
+use load::extension;
 pub use load::{ReadOptions, load, load_with};
-use load::{extension, load_model, stem};
+use load::{load_model, stem};
 pub use material::{Alpha, Material, Surface};
 pub use matrices::Frustum;
 pub use mesh::Mesh;
 pub(crate) use mesh::{check_transform, mirrors, outward_matrix};
 pub use mip::KeptLevels;
 pub use quietly::{panic_is_caught, silence_caught_panics};
+pub(crate) use texture::linear_to_srgb;
+#[cfg(feature = "images")]
+pub(crate) use texture::srgb_to_linear;
 pub use texture::{Cone, TextureUse};
-pub(crate) use texture::{linear_to_srgb, srgb_to_linear};
 
 pub use crate::settings::RenderDefaults;
 

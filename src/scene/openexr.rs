@@ -8,7 +8,7 @@ use std::io::Cursor;
 use exr::prelude::{AttributeValue, ReadChannels, ReadLayers, Text, Vec2, read};
 
 use super::quietly::quietly;
-use super::texture::Reserve;
+use super::texture_file::Reserve;
 
 /// Pixels of a display window, from the top row on.
 pub(crate) struct Pixels {

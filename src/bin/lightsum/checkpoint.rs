@@ -2,11 +2,11 @@
 
 use crate::render::count;
 use crate::say_aside;
-use lightsum::Result;
 use lightsum::output::State;
 use lightsum::radiosity::Growth;
 use lightsum::settings::Traversal;
 use lightsum::standalone::Renderer;
+use lightsum::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -71,6 +71,30 @@ pub fn go_on(path: &Path, state: &State, renderer: &mut Renderer) -> Result<()> 
     state.check(path, renderer.fingerprint(), renderer.engine().view().size(), &renderer.provenance())?;
     renderer.load_state(state.passes, &state.accumulators)?;
     log::info!("{}: going on after {} passes", path.display(), state.passes);
+    Ok(())
+}
+
+/// Checks before the first pass whether the file system of a file has room for `bytes`, as far as it tells: for a user without privileges, and
+/// without quotas. Errors: [`Error::File`] with the room that is left.
+pub fn check_room(path: &Path, bytes: u64) -> Result<()> {
+    #[cfg(unix)]
+    {
+        let real = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
+        let folder = real.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // Of some file systems of networks and users nothing is known.
+        if let Ok(system) = rustix::fs::statvfs(folder)
+            && system.f_blocks > 0
+        {
+            let free = system.f_bavail.saturating_mul(system.f_frsize);
+            if free < bytes {
+                let [free, needed] = [free, bytes].map(|bytes| bytes as f64 / f64::from(1 << 20));
+                let message = format!(
+                    "takes {needed:.1} MiB, and its file system has {free:.1} MiB free; make room, or give another folder"
+                );
+                return Err(Error::file(path, message));
+            }
+        }
+    }
     Ok(())
 }
 
@@ -170,5 +194,19 @@ impl Checkpoints {
         {
             log::warn!("removing {}: {error}", path.display());
         }
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn room_is_looked_for_in_the_folder() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.state");
+        check_room(&path, 1).unwrap();
+        let message = check_room(&path, 1 << 62).unwrap_err().to_string();
+        assert!(message.contains("a.state") && message.contains("MiB free"), "{message}");
     }
 }

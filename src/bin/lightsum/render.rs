@@ -215,7 +215,7 @@ fn radiosity(
     if let Some(path) = state_path {
         let bytes = HostFilm::byte_count(renderer.engine().view().size(), job.settings.summands);
         // Without --resume the state is written only by a run that takes long.
-        match output::check_room(path, bytes as u64) {
+        match checkpoint::check_room(path, bytes as u64) {
             Err(error) if args.stop.resume => return Err(error),
             Err(error) => log::warn!("no checkpoint will be written: {error}"),
             Ok(()) => {}

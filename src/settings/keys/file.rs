@@ -11,6 +11,7 @@ use super::Key;
 use super::table::RenderDefaults;
 use crate::error::{Error, Result};
 use crate::input;
+#[cfg(feature = "images")]
 use crate::scene::openexr;
 use crate::settings::Settings;
 
@@ -33,6 +34,7 @@ impl RenderDefaults {
     /// settings alone, as JSON. Errors: [`Error::File`] with the line of the key.
     pub fn load(path: &Path) -> Result<RenderDefaults> {
         let bytes = input::read(path)?;
+        #[cfg(feature = "images")]
         if openexr::is_one(&bytes) {
             let attribute =
                 openexr::text_attribute(&bytes, "settings").map_err(|message| Error::file(path, message))?;
