@@ -118,7 +118,7 @@ PLACES = [
     ("link out of the folder", "a.obj", {**MODEL, "m.mtl": link("../out.mtl"), "x": beside("out.mtl", MTL)}, "refused", "outside of the scene's folder"),
     ("link within the folder", "a.obj", {"b.obj": OBJ, "m.mtl": MTL, "a.obj": link("b.obj")}, "read", ONE),
     ("link to itself", "a.obj", {"a.obj": link("a.obj")}, "refused", "a.obj"),
-    ("path out of the folder", "a.obj", {**MODEL, "m.mtl": MTL + "map_Kd ../../../../etc/passwd\n"}, "refused", "outside of the scene's folder"),
+    ("path out of the folder", "a.obj", {**MODEL, "m.mtl": MTL + "map_Kd ../../../../../../../../etc/passwd\n"}, "refused", "outside of the scene's folder"),
     ("path out of the folder", "a.xml", {"a.xml": xml('<include filename="../out.xml"/>'), "x": beside("out.xml", xml(RECTANGLE))}, "refused", "outside of the scene's folder"),
     ("missing file", "a.obj", {}, "refused", "a.obj"),
     ("empty file", "a.obj", {"a.obj": ""}, "refused", "no triangles"),
