@@ -29,6 +29,7 @@ use crate::say;
 use app::App;
 pub use others::Others;
 use script::Script;
+#[cfg(feature = "mpi")]
 pub use session::prepare;
 
 /// Runs the command. `others`: those that shade points for it.
