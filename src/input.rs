@@ -231,17 +231,22 @@ fn folder_of(file: &Path) -> PathBuf {
 
 /// Half of the machine's memory in bytes; 4 GiB where the system does not tell.
 pub(crate) fn half_of_memory() -> u64 {
-    told_memory("MemTotal:").map_or(4 << 30, |bytes| bytes / 2)
+    told_memory("/proc/meminfo", "MemTotal:").map_or(4 << 30, |bytes| bytes / 2)
 }
 
 /// Bytes of memory that can be had without swapping; without limit where the system does not tell.
 pub(crate) fn free_memory() -> u64 {
-    told_memory("MemAvailable:").unwrap_or(u64::MAX)
+    told_memory("/proc/meminfo", "MemAvailable:").unwrap_or(u64::MAX)
 }
 
-/// A size that the kernel tells, bytes.
-fn told_memory(name: &str) -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+/// Most bytes of memory that this process had at once so far, where the system tells.
+pub(crate) fn most_memory_taken() -> Option<u64> {
+    told_memory("/proc/self/status", "VmHWM:")
+}
+
+/// A size that the kernel tells in a file, bytes.
+fn told_memory(file: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(file).ok()?;
     let kib: u64 = text.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next()?.parse().ok())?;
     kib.checked_mul(1024)
 }

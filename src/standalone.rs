@@ -462,6 +462,7 @@ impl Renderer {
             triangles: u64::from(self.engine.bvh().triangle_count()),
             nodes: u64::from(p.scene.nodes),
             device_bytes: self.context.memory_use().device,
+            host_bytes: crate::input::most_memory_taken(),
             lights_per_pass: f64::from(p.lights.slots() * p.settings.classes()),
             passes: self.passes(),
             passes_rendered: self.rendered,

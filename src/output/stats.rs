@@ -33,6 +33,8 @@ pub struct Statistics {
     pub nodes: u64,
     /// Bytes of the device's memory that its buffers and images take.
     pub device_bytes: u64,
+    /// Most bytes of the host's memory that the process had at once, a processor's as a device included; null where the system does not tell.
+    pub host_bytes: Option<u64>,
     /// Virtual lights of a pass, on average.
     pub lights_per_pass: f64,
     /// Passes in the image.

@@ -60,7 +60,9 @@ fn statistics_tell_settings_and_count_each_stage_once() {
     assert_eq!(settings, (&7.into(), &5.into(), &5.into()));
     assert_eq!(stats["version"], env!("CARGO_PKG_VERSION"));
     assert!(stats["commit"].as_str().is_some_and(|commit| commit.len() >= 7), "{}", stats["commit"]);
-    assert!(stats["device_bytes"].as_u64().is_some_and(|bytes| bytes > 0), "{}", stats["device_bytes"]);
+    for key in ["device_bytes", "host_bytes"] {
+        assert!(stats[key].as_u64().is_some_and(|bytes| bytes > 0), "{key}: {}", stats[key]);
+    }
     let stages = stats["stages"].as_object().unwrap();
     let sum: f64 = stages.values().filter_map(serde_json::Value::as_f64).sum();
     assert!(sum > 0.0 && sum <= wall, "stages of {sum} s in a run of {wall} s: {stages:?}");
