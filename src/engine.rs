@@ -254,7 +254,7 @@ impl Engine {
         }
         match part {
             Part::Whole => self.frame.record(rec, &parameters, &paths)?,
-            Part::Points(task) => self.frame.record_points(rec, &parameters.of_task(task), &paths)?,
+            Part::Points(task) => self.frame.record_task(rec, &parameters.of_task(task), &paths)?,
             Part::Rest(points) => self.frame.record_taken(rec, &parameters, points)?,
         }
         self.passes += 1;

@@ -18,6 +18,7 @@ use crate::pass::layout;
 use crate::pass::lens::{self, Lens};
 use crate::pass::light_lists::LightLists;
 use crate::pass::merge::Merge;
+use crate::pass::mirror_image::Planes;
 use crate::pass::mirror_lights::{self, MirrorLights};
 use crate::pass::motion_blur::{self, MotionBlur};
 use crate::pass::outliers::{self, Outliers};
@@ -44,6 +45,11 @@ pub struct Kept {
     /// Lights of a ring, if as many paths are kept.
     pub lights: Option<Buffer>,
 }
+
+/// Words of 32 bits of a pixel in each of [`Frame::more_buffers`].
+pub(crate) const MORE_WORDS: [usize; MORE] = [1, 4, 8, 4, 4, 4, 4, 4, 4];
+/// Number of these arrays.
+pub(crate) const MORE: usize = 9;
 
 /// The stages of a frame and its buffers.
 pub struct Frame {
@@ -347,6 +353,23 @@ impl Frame {
 
     /// Records the part of a pass that shades the points that the eye sees.
     pub fn record_points(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
+        self.record_light(rec, parameters, paths)?;
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))
+    }
+
+    /// [`Frame::record_points`] for the pixels of a task: without what their light gives to those of other classes, for [`Frame::record_taken`].
+    pub(crate) fn record_task(
+        &self,
+        rec: &mut Recorder,
+        parameters: &layout::FrameParameters,
+        paths: &Paths,
+    ) -> Result<()> {
+        self.record_light(rec, parameters, paths)?;
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_means(rec, paths))
+    }
+
+    /// Records all light of the points but near light.
+    fn record_light(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
         self.record_start(rec, parameters)?;
         self.eye.run(rec)?;
         self.splats.as_ref().map_or(Ok(()), |splats| splats.record_find(rec))?;
@@ -362,8 +385,7 @@ impl Frame {
         self.photon_lighting.run(rec)?;
         self.mirror_lights.run(rec)?;
         self.splats.run(rec)?;
-        self.compensation.run(rec)?;
-        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))
+        self.compensation.run(rec)
     }
 
     /// Records the part that makes an image of these points, and adds it to the film.
@@ -397,8 +419,11 @@ impl Frame {
         points: &Staging,
     ) -> Result<()> {
         self.record_start(rec, parameters)?;
-        rec.fill(&self.eye.planes.region, 0)?;
+        if self.glossy_planes.is_none() {
+            rec.fill(&self.eye.planes.region, 0)?;
+        }
         rec.scope("points", |rec| points.record(rec))?;
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_spread(rec))?;
         self.record_rest(rec, parameters)
     }
 
@@ -421,6 +446,29 @@ impl Frame {
         let guides = self.eye.guides.iter();
         let by_pixel = guides.flat_map(|guides| [&guides.first_hits].into_iter().chain(&guides.second_hits)).collect();
         [by_slot, by_pixel]
+    }
+
+    /// More of the shaded points, of which each pixel has [`MORE_WORDS`]: the reflector that it shows, where that is not 0 what spreads its mirror image
+    /// ([`Planes`]), its velocity, and the near light that spreads from it and from its second component, direct and indirect; each with the place where
+    /// the array begins, bytes. `None`: there is no such array.
+    pub(crate) fn more_buffers(&self) -> [Option<(&Buffer, u64)>; MORE] {
+        let Planes { region, widening, extras, reprojected } = &self.eye.planes;
+        let planes = [region, widening, extras, reprojected].map(|buffer| {
+            // Arrays that a scene does not need are minimal.
+            Some(buffer).filter(|_| self.glossy_planes.is_some())
+        });
+        let velocity = self.velocity.as_ref().map(|velocity| &velocity.velocity);
+        let pixels = u64::from(self.output.image.width()) * u64::from(self.output.image.height());
+        let [a, b, c, d] = planes;
+        let means = self.near_light.as_ref().map(|near| near.means()).unwrap_or_default();
+        let mean = |k: usize| means.get(k).copied();
+        let whole = [a, b, c, d, velocity, mean(0), mean(1)].map(|buffer| Some((buffer?, 0)));
+        let second = [mean(0), mean(1)].map(|buffer| Some((buffer?, 16 * pixels)));
+        let mut all = whole.into_iter().chain(second);
+        std::array::from_fn(|i| {
+            let needed = 4 * MORE_WORDS[i] as u64 * pixels;
+            all.next().flatten().filter(|(buffer, at)| buffer.bytes() >= at + needed)
+        })
     }
 
     /// Records the parameters of a pass, and clears the counts of its status.

@@ -91,16 +91,33 @@ pub struct Task {
 
 impl Task {
     /// Cuts an image of this size into at least `count` parts, if it has as many: bands of rows, then by class, class by class. Bands begin where blocks of
-    /// pixels do, so that their pixels have the bits of the whole image.
+    /// pixels do, so that their pixels have the bits of the whole image. Where near light comes from other pixels, which are always of
+    /// the same class, there is a part for each class.
     pub fn cut(settings: &Settings, [width, height]: [u32; 2], count: u32) -> Vec<Task> {
         let block = if settings.light_pool > 0 { REGION } else { 1 } * 8 * settings.pattern[1];
         let classes = settings.classes();
         let blocks = height.div_ceil(block);
-        let rows = block * (blocks / count.div_ceil(classes).clamp(1, blocks));
+        let parts = if Task::needs_class(settings) { 1 } else { count.div_ceil(classes).clamp(1, blocks) };
+        let rows = block * (blocks / parts);
         let bands =
             (0..height).step_by(rows as usize).map(|y| Region { origin: [0, y], size: [width, rows.min(height - y)] });
         let bands: Vec<Region> = bands.collect();
         (0..classes).flat_map(|class| bands.iter().map(move |&region| Task { region, class: Some(class) })).collect()
+    }
+
+    /// Whether pixels depend on others of their class.
+    fn needs_class(settings: &Settings) -> bool {
+        settings.compensation == Compensation::Near && settings.clips()
+    }
+
+    /// Errors: it is empty, extends beyond an image of this size, or has some pixels of a class that depend on others.
+    pub fn check(&self, settings: &Settings, image: [u32; 2]) -> Result<()> {
+        self.region.check(image)?;
+        if !Task::needs_class(settings) || self.region == Region::whole(image) {
+            return Ok(());
+        }
+        let message = String::from("--compensation near looks at all pixels of a class; give them out as one task");
+        Err(Error::Setting { name: "--cluster-tasks", message })
     }
 
     /// Whether a pixel belongs to it.
@@ -228,8 +245,14 @@ impl View {
         let why = match self {
             View::Atlas(_) => Some("texels are not shaded by several ranks"),
             View::GBuffer { .. } => Some("the pixels of a host's G-buffer are not shaded by several ranks"),
-            View::Camera { .. } if settings.ring.is_some() => Some("a ring keeps light from pass to pass"),
-            View::Camera { .. } => self.needs_whole(settings),
+            View::Camera { .. } => match settings {
+                Settings { ring: Some(_), .. } => Some("a ring keeps light from pass to pass"),
+                Settings { soft_shadows: Some(_), .. } => Some("soft shadows are convolved over the whole image"),
+                Settings { light_choice: LightChoice::Contribution, .. } => {
+                    Some("--light-choice contribution looks at the whole image")
+                }
+                _ => None,
+            },
         };
         match why {
             None => Ok(()),

@@ -2,7 +2,8 @@
 //! of a pass together, filters, and adds the image to the film ([`Renderer::pass_from`](crate::Renderer::pass_from)), as in Wald et al. 2002, 4.2.
 //!
 //! A point is all that the stages after shading read: position, normals, reflectance, direction to the eye, emission, throughput, and light, 176
-//! bytes for each of its components; first hits, 8 or 16 bytes, where edges are antialiased. Nothing is rounded, so the image has the bits
+//! bytes for each of its components; first hits, 8 or 16 bytes, where edges are antialiased; what spreads the mirror image of a glossy plane, 20 to 68 bytes, where
+//! there are such planes; a velocity, 16 bytes, of an open shutter; near light, 32 or 64 bytes, that spreads over pixels of other classes. Nothing is rounded, so the image has the bits
 //! of a pass by one process; [`packing`] rounds.
 //!
 //! Cost of a task beside its share of the rays: lights and photons of all classes, and passes over the image that skip its other pixels.
@@ -15,10 +16,13 @@ pub use pass::PassPoints;
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::Frame;
+use crate::frame::{Frame, MORE_WORDS};
 use crate::gpu::{Buffer, Context, Memory, Recorder};
 use crate::pass::layout::DispatchCounts;
 use crate::view::{Region, Task};
+
+/// Arrays of [`Frame::more_buffers`] that matter only where the first is not 0; the others matter for all pixels.
+const OF_REFLECTORS: std::ops::Range<usize> = 1..4;
 
 /// The shape of the points of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,18 +35,27 @@ pub struct Shape {
     pub components: u32,
     /// Arrays of 16 bytes a slot, and of 8 bytes a pixel.
     pub arrays: [usize; 2],
+    /// Words of 32 bits that a pixel has in further arrays, [`MORE_WORDS`]; 0: there is no such array.
+    pub more: [usize; 9],
 }
 
 impl Shape {
     /// That of an engine's view.
     pub fn of(engine: &Engine) -> Shape {
         let (plan, [by_slot, by_pixel]) = (engine.plan(), engine.frame().point_buffers());
+        let more = engine.frame().more_buffers();
         Shape {
             size: plan.view.size(),
             pattern: plan.settings.pattern,
             components: plan.eye.components,
             arrays: [by_slot.len(), by_pixel.len()],
+            more: std::array::from_fn(|i| if more[i].is_some() { MORE_WORDS[i] } else { 0 }),
         }
+    }
+
+    /// Words that a pixel has in further arrays.
+    fn words(&self) -> usize {
+        self.more.iter().sum()
     }
 
     fn pixels(&self) -> usize {
@@ -130,17 +143,20 @@ pub struct TaskPoints {
     values: Vec<[u32; 4]>,
     /// Hits of its pixels, array by array.
     hits: Vec<[u32; 2]>,
+    /// Words of its pixels in further arrays, array by array.
+    more: Vec<u32>,
 }
 
 impl TaskPoints {
-    /// As bytes: numbers of tiles, values and hits as u32, then these, little endian.
+    /// As bytes: numbers of tiles, values, hits and further words as u32, then these, little endian.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let counts = [self.tiles.len(), self.values.len(), self.hits.len()].map(|count| count as u32);
-        let parts: [&[u8]; 4] = [
+        let counts = [self.tiles.len(), self.values.len(), self.hits.len(), self.more.len()].map(|count| count as u32);
+        let parts: [&[u8]; 5] = [
             bytemuck::cast_slice(&counts),
             bytemuck::cast_slice(&self.tiles),
             bytemuck::cast_slice(&self.values),
             bytemuck::cast_slice(&self.hits),
+            bytemuck::cast_slice(&self.more),
         ];
         parts.concat()
     }
@@ -148,19 +164,22 @@ impl TaskPoints {
     /// The points of a task from [`TaskPoints::to_bytes`]. Errors: there are more or fewer bytes than they say.
     pub fn from_bytes(task: Task, bytes: &[u8]) -> Result<TaskPoints> {
         let words = |bytes: &[u8]| -> Vec<u32> { bytemuck::pod_collect_to_vec(bytes) };
-        let (counts, rest) = bytes.split_at_checked(12).ok_or_else(strange)?;
+        let (counts, rest) = bytes.split_at_checked(16).ok_or_else(strange)?;
         let counts = words(counts);
-        let [tiles, values, hits] = [(0, 4), (1, 16), (2, 8)].map(|(i, bytes)| counts[i] as usize * bytes);
-        if rest.len() != tiles + values + hits {
+        let [tiles, values, hits, more] =
+            [(0, 4), (1, 16), (2, 8), (3, 4)].map(|(i, bytes)| counts[i] as usize * bytes);
+        if rest.len() != tiles + values + hits + more {
             return Err(strange());
         }
         let (tiles, rest) = rest.split_at(tiles);
-        let (values, hits) = rest.split_at(values);
+        let (values, rest) = rest.split_at(values);
+        let (hits, more) = rest.split_at(hits);
         Ok(TaskPoints {
             task,
             tiles: words(tiles),
             values: bytemuck::pod_collect_to_vec(values),
             hits: bytemuck::pod_collect_to_vec(hits),
+            more: words(more),
         })
     }
 }
@@ -170,6 +189,7 @@ pub(crate) struct PointReader {
     task: Task,
     shape: Shape,
     rows: Buffer,
+    more: Buffer,
     tiles: Buffer,
     work: Buffer,
 }
@@ -186,6 +206,7 @@ impl PointReader {
             task: *task,
             shape,
             rows: buffer("points read back", bytes)?,
+            more: buffer("more of the points read back", 4 * (pixels * shape.words() as u64).max(1))?,
             tiles: buffer("tiles read back", 4 * u64::from(shape.tile_count()))?,
             work: buffer("count of tiles read back", size_of::<DispatchCounts>() as u64)?,
         })
@@ -209,6 +230,13 @@ impl PointReader {
             }
         }
         by_pixel.into_iter().try_for_each(|buffer| copy(rec, buffer, first, 8))?;
+        let mut at = 0;
+        for (buffer, words) in frame.more_buffers().into_iter().zip(MORE_WORDS) {
+            let Some((buffer, begin)) = buffer else { continue };
+            let bytes = 4 * words as u64;
+            rec.copy_range(buffer, begin + first * bytes, &self.more, at, pixels * bytes)?;
+            at += pixels * bytes;
+        }
         if self.shape.components == 1 {
             return Ok(());
         }
@@ -248,6 +276,27 @@ impl PointReader {
         }
         let of_hits = of_pixels.chunks_exact(pixels);
         let hits = of_hits.flat_map(|array| places[..count].iter().map(|&place| array[place])).collect();
-        Ok(TaskPoints { task: self.task, tiles, values, hits })
+        Ok(TaskPoints { task: self.task, tiles, values, hits, more: self.read_more(&places[..count], pixels)? })
+    }
+
+    /// The words of pixels at these places among `pixels` in further arrays.
+    fn read_more(&self, places: &[usize], pixels: usize) -> Result<Vec<u32>> {
+        let words = self.more.read::<u32>()?;
+        let mut more = Vec::with_capacity(places.len() * self.shape.words());
+        let (mut begin, mut regions) = (0, Vec::new());
+        for (i, count) in self.shape.more.into_iter().enumerate().filter(|(_, count)| *count > 0) {
+            let array = &words[begin..begin + count * pixels];
+            begin += count * pixels;
+            for (k, &place) in places.iter().enumerate() {
+                // Of pixels without a reflector nothing wrote what spreads its image.
+                let written = !OF_REFLECTORS.contains(&i) || regions.get(k).is_some_and(|&region| region != 0);
+                let of_pixel = &array[count * place..count * (place + 1)];
+                more.extend(of_pixel.iter().map(|&word| if written { word } else { 0 }));
+            }
+            if i == 0 {
+                regions.clone_from(&more);
+            }
+        }
+        Ok(more)
     }
 }

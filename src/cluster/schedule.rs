@@ -215,6 +215,40 @@ mod tests {
         }
     }
 
+    /// A rank that takes 50 times as long as the others has one pass in the end, and the others all that there are: the last pass of the slow one is all that is
+    /// waited for, and a collection of films keeps nobody from going on.
+    #[test]
+    fn a_slow_rank_delays_nothing_but_its_own_pass() {
+        let (ranks, asked) = (4, 100);
+        let mut schedule = Schedule::new(ranks, Some(asked), Passes::default(), Passes::default());
+        let mut busy: Vec<(u32, usize)> = (0..ranks).map(|rank| (0, rank)).collect();
+        let (mut counts, mut last, mut handed_over) = ([0; 4], 0, 0);
+        while schedule.rendered_count() < u64::from(asked) {
+            busy.sort_unstable();
+            let (time, rank) = &mut busy[0];
+            if let Some(number) = schedule.ranks[*rank].running {
+                schedule.rendered(*rank, true);
+                (counts[*rank], last) = (counts[*rank] + 1, number.max(last));
+                if schedule.rendered_count() == 50 {
+                    schedule.collect();
+                }
+            }
+            *time += match schedule.next(*rank) {
+                Task::Pass(_) if *rank == 0 => 50,
+                Task::Pass(_) => 1,
+                Task::Deliver => {
+                    handed_over += schedule.delivered(*rank).0.count();
+                    0
+                }
+                Task::Wait | Task::End => 1,
+            };
+        }
+        // 99 passes of three ranks take 33 steps.
+        assert_eq!((counts[0], counts.iter().sum::<u32>(), last), (1, 100, 99));
+        assert!(counts[1..].iter().all(|count| (32..=34).contains(count)), "{counts:?}");
+        assert!(handed_over >= 47, "{handed_over} passes were handed over");
+    }
+
     #[test]
     fn it_goes_on_after_what_is_there() {
         let kept: Passes = [0, 1, 4].into_iter().collect();

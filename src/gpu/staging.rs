@@ -66,14 +66,15 @@ impl Staging {
         self.clears.push(buffer.clone());
     }
 
-    /// Has bytes of a buffer of [`Memory::Upload`] copied to the same place in another. The host writes them before the copies are recorded, and not
+    /// Has bytes of a buffer of [`Memory::Upload`] copied to the same place in another, counted from a byte there. The host writes them before the copies are recorded, and not
     /// again until these have been executed.
-    pub(crate) fn copy(&mut self, from: &Buffer, to: &Buffer, range: Range<u64>) -> Result<()> {
+    pub(crate) fn copy(&mut self, from: &Buffer, (to, begin): (&Buffer, u64), range: Range<u64>) -> Result<()> {
         let bytes = range.end.saturating_sub(range.start);
         from.check_range(range.start, bytes)?;
-        to.check_range(range.start, bytes)?;
+        let to_at = begin + range.start;
+        to.check_range(to_at, bytes)?;
         let (from, to) = (from.clone(), to.clone());
-        self.copies.push(Copy { from, from_at: range.start, to, to_at: range.start, bytes });
+        self.copies.push(Copy { from, from_at: range.start, to, to_at, bytes });
         Ok(())
     }
 

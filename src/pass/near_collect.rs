@@ -136,10 +136,25 @@ impl NearCollect {
         Ok(NearCollect { sum, add, spread, work: list.work.clone() })
     }
 
+    /// Whether near light is spread over pixels of all classes.
+    pub(crate) fn spreads(&self) -> bool {
+        self.spread.is_some()
+    }
+
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_means(rec)?;
+        self.record_spread(rec)
+    }
+
+    /// Records the part up to the means over neighbours of a class.
+    pub(crate) fn record_means(&self, rec: &mut Recorder) -> Result<()> {
         self.sum.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
-        self.add.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
+        self.add.run_listed(rec, &[], &self.work, LIST_GROUPS)
+    }
+
+    /// Records the part in which they spread over the pixels of all classes, if they do.
+    pub(crate) fn record_spread(&self, rec: &mut Recorder) -> Result<()> {
         match &self.spread {
             Some((spread, work)) => spread.run_listed(rec, &[], work, LIST_GROUPS),
             None => Ok(()),

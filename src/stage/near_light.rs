@@ -144,12 +144,36 @@ impl NearLight {
         rec.scope(Self::NAME, |rec| self.record_paths(rec, paths))
     }
 
+    /// Records the part that pixels of one class need no others for, for [`NearLight::run_spread`] elsewhere. Where no near ray starts the means are 0.
+    pub(crate) fn run_means(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        rec.scope(Self::NAME, |rec| {
+            self.means().into_iter().try_for_each(|mean| rec.fill(mean, 0))?;
+            self.record_light(rec, paths)?;
+            rec.scope("near_collect", |rec| self.collect.record_means(rec))
+        })
+    }
+
+    /// Records the rest.
+    pub(crate) fn run_spread(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope(Self::NAME, |rec| self.collect.record_spread(rec))
+    }
+
+    /// Means over neighbours of a class, slot by slot, direct and indirect, that spread over the pixels of all classes; none where they do not.
+    pub(crate) fn means(&self) -> Vec<&Buffer> {
+        let means = [&self.hit_lighting.direct, &self.hit_lighting.indirect];
+        means.into_iter().filter(|_| self.collect.spreads()).collect()
+    }
+
     fn record_paths(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        self.record_light(rec, paths)?;
+        rec.scope("near_collect", |rec| self.record_collect(rec))
+    }
+
+    fn record_light(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
         self.record_rays(rec)?;
         rec.scope("near_points", |rec| self.record_points(rec))?;
         rec.scope("near_onward", |rec| self.record_onward(rec))?;
-        rec.scope("near_shade", |rec| self.record_shade(rec, paths))?;
-        rec.scope("near_collect", |rec| self.record_collect(rec))
+        rec.scope("near_shade", |rec| self.record_shade(rec, paths))
     }
 
     /// The part up to the hits of the near rays.

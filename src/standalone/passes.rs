@@ -56,10 +56,12 @@ impl Renderer {
 
     /// Shades the pixels of a task in the pass of a number, for [`Renderer::pass_from`] elsewhere. The film stays as it is.
     ///
-    /// Errors: pixels that depend on others of the image ([`View::check_tasks`](crate::view::View::check_tasks)); those of the device.
+    /// Errors: pixels that depend on others of the image ([`View::check_tasks`](crate::view::View::check_tasks), [`Task::check`]); those of the device.
     pub fn points_of(&mut self, number: u32, task: &Task) -> Result<TaskPoints> {
         self.engine.apply_edits()?;
-        self.engine.view().check_tasks(&self.engine.plan().settings)?;
+        let plan = self.engine.plan();
+        plan.view.check_tasks(&plan.settings)?;
+        task.check(&plan.settings, plan.view.size())?;
         loop {
             self.engine.seek(number, false);
             let reader = PointReader::new(&self.context, &self.engine, task)?;

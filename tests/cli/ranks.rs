@@ -108,6 +108,11 @@ fn ranks_need_no_files_of_their_own() {
     three.args([":", "-n", "1", "-wdir"]).arg(elsewhere.path()).arg(program).args(local.split_whitespace());
     let output = three.output().unwrap();
     refused((output.status.success(), text(&output.stderr)), &["error: rank 2 on", "--local-scene"]);
+    // Rank 0 has other files than all others, and filters their points.
+    fs::write(folder.join("p.toml"), "times = [0]\n[[camera]]\ntime = 0\n").unwrap();
+    fs::write(elsewhere.path().join("p.toml"), "times = [0]\n[[camera]]\ntime = 0\n").unwrap();
+    let tiles = "animate scene.toml --path p.toml -o a-%d.exr --particles 8 --cluster-tasks tiles --local-scene";
+    refused(of_two(elsewhere.path(), tiles, tiles), &["error: rank 1 on", "--local-scene"]);
 }
 
 /// Rank 2 has the driver of the processor compute by vectors of half the width, which is another device to Vulkan. On a device that is not the processor it
@@ -190,6 +195,89 @@ fn a_job_whose_rank_is_killed_goes_on_with_one_rank_fewer() {
     assert!(fs::read(folder.join("a.exr")).unwrap() == fs::read(folder.join("b.exr")).unwrap());
 }
 
+/// Kills the last rank of a job once a file is there; returns what it told.
+fn killed(mut job: Command, file: &Path) -> String {
+    let mut run = job.stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(file);
+    let ranks = children(run.id());
+    let last = ranks.iter().max().expect("mpirun has children");
+    assert!(Command::new("kill").args(["-KILL", &last.to_string()]).status().unwrap().success());
+    let mut message = String::new();
+    run.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+    assert!(!run.wait().unwrap().success());
+    assert!(message.contains("signal 9"), "{message}");
+    // mpirun does not wait for the ranks that it kills, and their outputs stay locked until the last thread of them is gone.
+    let start = Instant::now();
+    let holds = |rank: &u32| {
+        let locks = fs::read_to_string("/proc/locks").unwrap_or_default();
+        locks.split_whitespace().any(|word| word == rank.to_string())
+    };
+    while ranks.iter().any(holds) {
+        assert!(start.elapsed() < Duration::from_secs(60), "ranks outlive their job: {message}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    message
+}
+
+/// Frames that were done are whole, rank 0 tells which are missing, and these have the bits of one process whoever renders them.
+#[test]
+fn an_animation_whose_rank_is_killed_goes_on_with_one_rank_fewer() {
+    let folder = folder();
+    let folder = folder.path();
+    let path = "frames = 4000\n[[camera]]\ntime = 0\n[[camera]]\ntime = 400\neye = [0.5, 0.6, 3.5]\n";
+    fs::write(folder.join("p.toml"), path).unwrap();
+    let line =
+        |name: &str| format!("animate scene.toml -o {name}-%04d.png --path p.toml --moving-passes 1 --particles 4");
+    for (name, tasks) in [("f", "frames"), ("t", "tiles")] {
+        let job = mpirun(folder, 4, &format!("{} --cluster-tasks {tasks}", line(name)));
+        let message = killed(job, &folder.join(format!("{name}-0005.png")));
+        // "...; --frames A..4000 renders them"
+        let first = message.split_once("--frames ").and_then(|(_, rest)| rest.split_once("..4000 renders"));
+        let first: usize = first.unwrap_or_else(|| panic!("{message}")).0.parse().unwrap();
+        let there = |frame: usize| folder.join(format!("{name}-{frame:04}.png"));
+        assert!(first > 0 && (0..first).all(|frame| there(frame).exists()), "{tasks}, {first}: {message}");
+        runs(folder, 3, &format!("{} --cluster-tasks {tasks} --frames {first}..{}", line(name), first + 4));
+        succeeds(folder, &format!("{} --frames 0..{}", line("one"), first + 4));
+        for frame in 0..first + 4 {
+            let one = fs::read(folder.join(format!("one-{frame:04}.png"))).unwrap();
+            assert!(fs::read(there(frame)).unwrap() == one, "{tasks}: frame {frame} differs");
+        }
+    }
+}
+
+#[test]
+fn a_bake_whose_rank_is_killed_goes_on_with_one_rank_fewer() {
+    let folders = [folder(), folder()];
+    let [own, other] = folders.each_ref().map(|folder| folder.path());
+    let line =
+        |passes: u32| format!("bake scene.toml -o a.glb --particles 4 --light-pool 0 --density 4 --passes {passes}");
+    let film = own.join("a.glb.0.film");
+    let message = killed(mpirun(own, 4, &format!("{} --checkpoint 0.1", line(1_000_000))), &film);
+    assert!(message.contains("rank 3"), "{message}");
+    let there = FilmFile::read(&film).unwrap();
+    assert!(there.film.passes() > 0);
+    let end = there.about.passes.end().max(there.film.passes()) + 3;
+    runs(own, 3, &format!("{} --resume", line(end)));
+    succeeds(other, &line(end));
+    let maps = [own, other].map(|folder| {
+        let files = contents(folder).into_iter();
+        files.filter(|(name, _)| name.ends_with(".exr")).collect::<Vec<_>>()
+    });
+    assert!(!maps[0].is_empty() && maps[0] == maps[1], "the maps differ");
+}
+
+/// Ranks of a launcher whose MPI is not the one of the program: each would be alone.
+#[test]
+fn a_launcher_of_another_mpi_is_told() {
+    let folder = folder();
+    let mut alone = command(folder.path(), "render scene.toml -o a.exr --passes 1");
+    let output = alone.env("PMI_SIZE", "3").env("PMI_RANK", "0").output().unwrap();
+    let said = text(&output.stderr);
+    assert!(!output.status.success(), "{said}");
+    assert!(["mpirun", "3 ranks", "openmpi-bin"].iter().all(|word| said.contains(word)), "{said}");
+    assert!(!folder.path().join("a.exr").exists());
+}
+
 #[test]
 fn an_interrupt_writes_what_there_is() {
     let folder = folder();
@@ -234,7 +322,7 @@ fn tiles_of_an_animation_have_the_frames_of_one_process() {
     let folder = folder.path();
     let path = "times = [0, 1, 2, 3, 4]\n[[camera]]\ntime = 1\n[[camera]]\ntime = 2\neye = [0.5, 0.6, 3.5]\n";
     fs::write(folder.join("p.toml"), path).unwrap();
-    let settings = "--preset interactive --particles 8 --compensation exact --superposition off";
+    let settings = "--preset interactive --particles 8 --compensation exact";
     let flags = format!("--path p.toml --moving-passes 2 --exposure auto {settings}");
     succeeds(folder, &format!("animate scene.toml -o a-%d.png {flags}"));
     for ranks in [2, 3, 5, 8] {
@@ -265,9 +353,20 @@ fn tiles_of_an_animation_have_the_frames_of_one_process() {
     runs(folder, 3, &format!("animate scene.toml -o c-%d.png {flags} --cluster-tasks tiles --frames 3..5"));
     assert!(!folder.join("c-0.png").exists() && !folder.join("c-2.png").exists());
     assert!(fs::read(folder.join("a-4.png")).unwrap() == fs::read(folder.join("c-4.png")).unwrap());
-    let near = format!("animate scene.toml -o d-%d.png {flags} --cluster-tasks tiles").replace("exact", "near");
-    let output = mpirun(folder, 2, &near).output().unwrap();
-    assert!(!output.status.success() && text(&output.stderr).contains("--cluster-tasks"), "{}", text(&output.stderr));
+    // Near light from other pixels of the class, which is one task, and a shutter that is open while the camera moves.
+    let near = flags.replace("exact", "near --shutter 0.5");
+    succeeds(folder, &format!("animate scene.toml -o n-%d.png {near}"));
+    runs(folder, 3, &format!("animate scene.toml -o m-%d.png {near} --cluster-tasks tiles"));
+    for frame in 0..5 {
+        let [a, b] = ["n", "m"].map(|name| fs::read(folder.join(format!("{name}-{frame}.png"))).unwrap());
+        assert!(a == b, "near light: frame {frame} differs");
+    }
+    let tiles = format!("animate scene.toml -o d-%d.png {flags} --cluster-tasks tiles");
+    for refused in [format!("{tiles} --soft-shadows splat"), format!("{tiles} --light-choice contribution")] {
+        let output = mpirun(folder, 2, &refused).output().unwrap();
+        let said = text(&output.stderr);
+        assert!(!output.status.success() && said.contains("--cluster-tasks"), "{refused}: {said}");
+    }
 }
 
 #[test]
@@ -306,7 +405,7 @@ passes 2
 screenshot {name}-start.exr
 drag right 20,20 32,26          # the view turns
 wheel 0.5
-set --particles 8 --max-depth 3 --seed 3 --compensation exact --superposition off
+set --preset interactive --particles 8 --max-depth 3 --seed 3
 window 80x60
 passes 4
 screenshot {name}-turned.exr
@@ -324,7 +423,7 @@ quit
 "
         )
     };
-    let flags = "--particles 4 --max-depth 3 --traversal single --compensation exact --superposition off --validation";
+    let flags = "--particles 4 --max-depth 3 --traversal single --preset interactive --validation";
     let show = |name: &str, mut command: Command| {
         let script = if name == "one" { script(name).replace("drop other.toml", "") } else { script(name) };
         fs::write(folder.path().join("script.txt"), script).unwrap();

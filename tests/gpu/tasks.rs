@@ -1,11 +1,16 @@
 //! Passes put together of tasks: a class of pixels in a band of rows, shaded by renderers that know nothing of one another.
 
+use glam::Vec3;
 use lightsum::cluster::points::{PassPoints, Shape, TaskPoints, packing};
+use lightsum::engine::ShutterEnd;
+use lightsum::gpu::Context;
 use lightsum::pass::ShadingPoints;
-use lightsum::scene::Camera;
-use lightsum::settings::{Compensation, Settings};
+use lightsum::scene::{Camera, Scene};
+use lightsum::settings::{Compensation, Settings, SoftShadows, Splats, Spread, Superposition};
+use lightsum::standalone::Renderer;
 use lightsum::view::{Region, Task};
 
+use crate::frosted_panes;
 use crate::rig::gallery;
 use crate::scenes::renderer;
 use crate::support::gpu_test;
@@ -39,11 +44,90 @@ fn tasks_of_several_renderers_have_the_bits_of_one() {
     });
 }
 
+/// A scene, its camera and settings, and whether its objects and its camera move while the shutter is open.
+type Stage = (&'static str, Scene, Camera, Settings, bool);
+
+/// Stages that look at more than a pixel: near light at those of its class, the others at what the points tell.
+fn stages() -> Vec<Stage> {
+    let size = |scene: &Scene| Camera { resolution: [83, 61], ..scene.camera.unwrap() };
+    let interactive = Settings { particles: 6, ..Settings::interactive() };
+    let exact = Settings { compensation: Compensation::Exact, ..interactive.clone() };
+    let plain = Settings { compensation: Compensation::Off, ..Settings::plain() };
+    let spread = |spread| Some(Superposition { spread, ..Superposition::default() });
+    let (gallery, panes) = (gallery(), frosted_panes::room());
+    let camera = size(&gallery);
+    let of_panes = |spread_by| Settings { superposition: spread(spread_by), particles: 4, ..plain.clone() };
+    let splats = Some(Splats { particles: 500, ..Splats::default() });
+    vec![
+        ("near light", gallery.clone(), camera, Settings { filter: None, ..interactive.clone() }, false),
+        ("near light, spread", gallery.clone(), camera, interactive.clone(), false),
+        ("interactive", gallery.clone(), camera, exact.clone(), false),
+        ("mirror images", gallery.clone(), camera, of_panes(Spread::Variant), false),
+        ("panes", panes.clone(), size(&panes), of_panes(Spread::Variant), false),
+        ("panes, near light", panes.clone(), size(&panes), interactive, false),
+        ("kernels of one width", panes.clone(), size(&panes), of_panes(Spread::Invariant), false),
+        ("lens", gallery.clone(), Camera { aperture: 0.1, ..camera }, exact.clone(), false),
+        ("shutter", gallery.clone(), Camera { shutter: 0.5, ..camera }, exact.clone(), true),
+        ("splats", gallery, camera, Settings { splats, ..exact }, false),
+    ]
+}
+
+/// A renderer of a stage.
+fn of_stage(ctx: &Context, (_, scene, camera, settings, moves): &Stage) -> Renderer {
+    let mut own = renderer(ctx, scene, *camera, settings);
+    if *moves {
+        let end = |s: f32| Camera { target: camera.target + s * 0.3 * Vec3::X, ..*camera };
+        let ends = [-0.5, 0.5].map(|s| ShutterEnd { camera: end(s), objects: Vec::new() });
+        own.set_shutter_ends(Some(ends)).unwrap();
+    }
+    own
+}
+
+#[test]
+fn stages_that_look_further_have_the_bits_of_one_renderer() {
+    gpu_test(|ctx| {
+        for stage in stages() {
+            let (name, _, camera, settings, _) = &stage;
+            let [mut whole, mut master, mut one, mut other] = [0; 4].map(|_| of_stage(ctx, &stage));
+            let shape = Shape::of(master.engine());
+            let (mut points, mut packed, mut bytes) = (PassPoints::new(shape), PassPoints::new(shape), 0);
+            for pass in 0..2 {
+                whole.pass().unwrap();
+                let parameters = one.engine().plan().parameters(pass).unwrap();
+                let tasks = Task::cut(settings, camera.resolution, 12);
+                for (i, task) in tasks.iter().rev().enumerate() {
+                    let client = if i % 3 == 0 { &mut one } else { &mut other };
+                    let own = client.points_of(pass, task).unwrap();
+                    points.take(TaskPoints::from_bytes(*task, &own.to_bytes()).unwrap()).unwrap();
+                    if pass == 0 {
+                        let few = own.pack(&shape, &parameters);
+                        assert!(TaskPoints::unpack(*task, &shape, &few[..few.len() - 9]).is_err());
+                        bytes += few.len();
+                        packed.take_packed(*task, &few).unwrap();
+                    }
+                }
+                assert!(master.pass_from(pass, &mut points).unwrap());
+                points.clear();
+            }
+            assert!(master.film().unwrap() == whole.film().unwrap(), "{name}: the films differ");
+            // In few bytes the first pass is about the same: edges, and pixels of strong contrast without a filter, tell most of the difference.
+            let [mut rounded, mut exact] = [0; 2].map(|_| of_stage(ctx, &stage));
+            assert!(rounded.pass_from(0, &mut packed).unwrap());
+            exact.pass().unwrap();
+            let [a, b] = [&exact, &rounded].map(|renderer| renderer.layers().unwrap().color);
+            let square: f32 = a.iter().zip(&b).map(|(a, b)| a.distance_squared(*b)).sum();
+            let error = (square / a.iter().map(|a| a.length_squared()).sum::<f32>()).sqrt();
+            println!("{name}: {:.2} bytes a pixel, relative error {error}", bytes as f64 / f64::from(83 * 61));
+            assert!(error < 0.05, "{name}: {error}");
+        }
+    });
+}
+
 /// Values of the points of `to_bytes`, array by array: f32, and the hits.
 fn values(bytes: &[u8], slots: usize) -> (Vec<Vec<[f32; 4]>>, Vec<u32>) {
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(bytes);
     let (tiles, count) = (words[0] as usize, words[1] as usize);
-    let (values, hits) = words[3 + tiles..].split_at(4 * count);
+    let (values, hits) = words[4 + tiles..].split_at(4 * count);
     let values: Vec<[f32; 4]> = values.chunks(4).map(|v| [v[0], v[1], v[2], v[3]].map(f32::from_bits)).collect();
     assert_eq!(values.len(), 11 * slots.max(count / 11));
     (values.chunks(count / 11).map(<[_]>::to_vec).collect(), hits.to_vec())
@@ -161,9 +245,15 @@ fn strange_points_and_settings_are_refused() {
         assert!(TaskPoints::from_bytes(band(0, 8), &bytes[1..]).is_err());
         assert!(TaskPoints::from_bytes(band(0, 8), &bytes[..5]).is_err());
         assert!(one.points_of(0, &band(8, 9)).unwrap_err().to_string().contains("beyond the image"));
+        // All pixels of a class, or none.
         let near = Settings { compensation: Compensation::Near, ..Settings::interactive() };
+        assert_eq!(Task::cut(&near, [24, 300], 20).len() as u32, near.classes());
         let mut near = renderer(ctx, &scene, camera, &near);
-        let refused = near.points_of(0, &band(0, 16)).unwrap_err().to_string();
+        let refused = near.points_of(0, &band(0, 8)).unwrap_err().to_string();
         assert!(refused.contains("--cluster-tasks") && refused.contains("near"), "{refused}");
+        let soft = Settings { soft_shadows: Some(SoftShadows::default()), ..Settings::plain() };
+        let mut soft = renderer(ctx, &scene, camera, &soft);
+        let refused = soft.points_of(0, &band(0, 16)).unwrap_err().to_string();
+        assert!(refused.contains("--cluster-tasks") && refused.contains("soft shadows"), "{refused}");
     });
 }

@@ -18,17 +18,19 @@ mod tiles;
 #[cfg(feature = "viewer")]
 mod view;
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use cpu_time::ProcessTime;
-use lightsum::cluster::Message;
 use lightsum::cluster::message::{Hello, Ready, Work};
+use lightsum::cluster::{Message, Passes};
 use lightsum::settings::Traversal;
 use lightsum::{Error, Result, input, output};
 use serde_json::{Value, json};
 
-use crate::args::{Arguments, ClusterTasks, Command};
+use crate::args::{Animate, Arguments, ClusterTasks, Command};
+use crate::say_aside;
 use link::Link;
 
 /// Time between two looks for messages.
@@ -43,7 +45,7 @@ pub fn run(arguments: &Arguments, ranks: usize) -> Result<()> {
     let link = Link::new(&universe);
     if link.ranks() != ranks {
         let message = format!(
-            "{ranks} ranks were started, and MPI knows {}: its library is not that of the launcher; use its own mpirun, or srun --mpi=pmix",
+            "{ranks} ranks were started, and MPI knows {}: its library is not that of the launcher; use its own mpirun (on Debian of openmpi-bin), or srun --mpi=pmix",
             link.ranks()
         );
         return Err(Error::Setting { name: "mpirun", message });
@@ -167,6 +169,15 @@ impl Master<'_> {
         Ok(())
     }
 
+    /// Errors: the other ranks do not render what this one, which filters their points, does.
+    fn compare(&self, fingerprint: u64) -> Result<()> {
+        match self.ready.first() {
+            Some(ready) if ready.fingerprint != fingerprint => self
+                .refuse(1, "its scene is not that of rank 0: with --local-scene all machines must have the same files"),
+            _ => Ok(()),
+        }
+    }
+
     /// Ends all ranks, and waits until they say that they have.
     fn end(&mut self) {
         let missing: Vec<usize> =
@@ -206,6 +217,16 @@ fn refuse_flags(flags: &[(bool, &'static str)]) -> Result<()> {
         Some((_, name)) => Err(Error::Setting { name, message: String::from(NOT_HERE) }),
         None => Ok(()),
     }
+}
+
+/// After an interrupt: tells which frames of a part are missing. Those `done` are written.
+fn tell_missing(args: &Animate, part: &Range<usize>, done: impl Iterator<Item = usize>) {
+    let done: Passes = done.map(|frame| frame as u32).collect();
+    let missing: Passes = done.missing_below(part.end as u32).iter().filter(|&n| n as usize >= part.start).collect();
+    let Some(first) = missing.iter().next() else { return };
+    let of =
+        args.play.frames.as_ref().and_then(|frames| frames.count).map_or(String::new(), |count| format!("/{count}"));
+    say_aside(&format!("of the frames {missing} are missing; --frames {first}..{}{of} renders them", missing.end()));
 }
 
 /// Checks that outputs can be written, and claims them until the result is dropped.

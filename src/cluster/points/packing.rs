@@ -16,6 +16,8 @@
 //! | other positions | 3 x 24 bits | 2^-17 of the scale, less than that |
 //! | depth | from the ray, or 26 bits | relative, [`DEPTH_ERROR`] |
 //!
+//! What spreads mirror images, velocities, and near light that spreads, are sent as they are.
+//!
 //! Values that are no numbers, reflectances above 1, and positions beyond 64 times the scale are sent as they are, with all points of the task, so that the master
 //! leaves the pass out where it has to.
 
@@ -29,7 +31,7 @@ use glam::{Vec3, Vec4};
 use super::columns::{
     Colors, Normals, Steps, byte, decode_depth, decode_normal, encode_depth, get, put, put_colors, put_normals, share,
 };
-use super::{Listed, Shape, TaskPoints, strange};
+use super::{Listed, OF_REFLECTORS, Shape, TaskPoints, strange};
 use crate::accel::{Ray, offset_origin};
 use crate::device_scene::encode_normal;
 use crate::error::Result;
@@ -60,7 +62,7 @@ const GEOMETRIC: usize = 1;
 const SHADING: usize = 2;
 const KD: usize = 3;
 const F0: usize = 4;
-const WO: usize = 5;
+pub(super) const WO: usize = 5;
 const EMITTED: usize = 6;
 const THROUGHPUT: usize = 7;
 const DIRECT: usize = 8;
@@ -134,6 +136,8 @@ pub(super) struct Columns {
     throughput: Colors,
     /// Hits of the pixels, array by array.
     pub(super) hits: Vec<[u32; 2]>,
+    /// Words of the pixels in further arrays, array by array.
+    pub(super) more: Vec<u32>,
     /// The first of the second components.
     pub(super) second: Cursor,
 }
@@ -213,6 +217,7 @@ impl Columns {
                 triangles.into_iter().zip(codes).map(|(triangle, code)| [triangle, decode_depth(code).to_bits()]),
             );
         }
+        let more = get_more(bytes, shape, pixels)?;
         let steps = Steps::of(parameters.eye[3]);
         let second = Cursor { next: pixels, rich: rich_pixels, off_ray: off_ray_pixels };
         let columns = Columns {
@@ -233,6 +238,7 @@ impl Columns {
             places,
             throughput,
             hits,
+            more,
             second,
         };
         bytes.is_empty().then_some((tiles, columns))
@@ -339,7 +345,7 @@ impl TaskPoints {
             let words = point.iter().map(|value| value.to_array().map(f32::to_bits));
             words.enumerate().for_each(|(array, words)| values[array * slots.len() + i] = words);
         }
-        Ok(TaskPoints { task, tiles, values, hits: columns.hits })
+        Ok(TaskPoints { task, tiles, values, hits: columns.hits, more: columns.more })
     }
 
     /// A point by its place among the slots.
@@ -438,6 +444,38 @@ impl TaskPoints {
                 &codes.iter().filter(|(_, is_other)| *is_other).map(|(code, _)| *code).collect::<Vec<_>>(),
             );
         }
+        put_more(&mut out, shape, &self.more, pixels);
         Some(out)
     }
+}
+
+/// Appends the words of further arrays as they are, word by word: where they matter.
+fn put_more(out: &mut Vec<u8>, shape: &Shape, more: &[u32], pixels: usize) {
+    let regions = &more[..shape.more[0] * pixels];
+    let mut begin = 0;
+    for (array, words) in shape.more.into_iter().enumerate() {
+        let matters = |i: usize| !OF_REFLECTORS.contains(&array) || regions.get(i).is_some_and(|&region| region != 0);
+        for word in 0..words {
+            let of = |i: usize| more[begin + words * i + word];
+            put::<4>(out, &(0..pixels).filter(|&i| matters(i)).map(of).collect::<Vec<_>>());
+        }
+        begin += words * pixels;
+    }
+}
+
+/// What [`put_more`] appended; `None`: there are fewer bytes.
+fn get_more(bytes: &mut &[u8], shape: &Shape, pixels: usize) -> Option<Vec<u32>> {
+    let mut more = vec![0; shape.words() * pixels];
+    let mut begin = 0;
+    for (array, words) in shape.more.into_iter().enumerate() {
+        let regions = &more[..shape.more[0] * pixels];
+        let matters = |i: &usize| !OF_REFLECTORS.contains(&array) || regions.get(*i).is_some_and(|&region| region != 0);
+        let which: Vec<usize> = (0..pixels).filter(matters).collect();
+        for word in 0..words {
+            let column = get::<u32, 4>(bytes, which.len())?;
+            which.iter().zip(column).for_each(|(i, value)| more[begin + words * i + word] = value);
+        }
+        begin += words * pixels;
+    }
+    Some(more)
 }

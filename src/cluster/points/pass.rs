@@ -5,13 +5,13 @@
 
 use std::ops::Range;
 
-use super::packing::{ARRAYS, Columns, Cursor, Packed, ZERO_IF_PLAIN};
+use super::packing::{ARRAYS, Columns, Cursor, Packed, WO, ZERO_IF_PLAIN};
 use super::{Listed, Shape, TaskPoints, strange};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, Memory, Staging};
-use crate::pass::camera_rays;
 use crate::pass::layout::DispatchCounts;
+use crate::pass::{ShadingPoints, camera_rays};
 use crate::view::Task;
 
 /// The points of a task as they came in.
@@ -21,6 +21,8 @@ struct Part {
     pixels: usize,
     listed: Listed,
     form: Form,
+    /// Words of its pixels in further arrays.
+    more: Vec<u32>,
 }
 
 enum Form {
@@ -35,9 +37,11 @@ pub struct PassPoints {
     tiles: Vec<u32>,
     missing: usize,
     /// Memory that the device copies from; made with the first pass.
-    buffers: [Vec<Buffer>; 2],
+    buffers: [Vec<Buffer>; 3],
     /// Rows of each array that they have for this pass, component by component; the others are zeros, or nobody's. `None`: the points are not written yet.
     written: Option<Vec<Vec<Range<u32>>>>,
+    /// Slots that light reaches, once the points are written.
+    lit: Vec<u32>,
 }
 
 impl PassPoints {
@@ -49,8 +53,9 @@ impl PassPoints {
             parts: Vec::new(),
             tiles: Vec::new(),
             missing,
-            buffers: [Vec::new(), Vec::new()],
+            buffers: [Vec::new(), Vec::new(), Vec::new()],
             written: None,
+            lit: Vec::new(),
         }
     }
 
@@ -68,7 +73,7 @@ impl PassPoints {
     }
 
     /// Takes the points of a task. Errors: they do not fit it.
-    pub fn take(&mut self, points: TaskPoints) -> Result<()> {
+    pub fn take(&mut self, mut points: TaskPoints) -> Result<()> {
         points.task.region.check(self.shape.size)?;
         let listed = Listed::new(&self.shape, &points.tiles);
         let [pixels, second] = self.shape.counts(&points.task, &listed);
@@ -76,23 +81,29 @@ impl PassPoints {
         if points.values.len() != (pixels + second) * by_slot || points.hits.len() != pixels * by_pixel {
             return Err(strange());
         }
-        let tiles = points.tiles.clone();
-        self.add(points.task, pixels, &tiles, Form::Exact(points))
+        let (tiles, more) = (std::mem::take(&mut points.tiles), std::mem::take(&mut points.more));
+        self.add(points.task, pixels, &tiles, Form::Exact(points), more)
     }
 
     /// Takes the points of a task from [`TaskPoints::pack`]. Errors: those of [`TaskPoints::unpack`].
     pub fn take_packed(&mut self, task: Task, bytes: &[u8]) -> Result<()> {
         match Columns::unpack(task, &self.shape, bytes)? {
             Packed::Exact(points) => self.take(points),
-            Packed::Columns(tiles, columns) => self.add(task, columns.second.next, &tiles, Form::Columns(columns)),
+            Packed::Columns(tiles, mut columns) => {
+                let more = std::mem::take(&mut columns.more);
+                self.add(task, columns.second.next, &tiles, Form::Columns(columns), more)
+            }
         }
     }
 
-    fn add(&mut self, task: Task, pixels: usize, tiles: &[u32], form: Form) -> Result<()> {
-        if pixels > self.missing || tiles.iter().any(|&tile| tile >= self.shape.tile_count()) {
+    fn add(&mut self, task: Task, pixels: usize, tiles: &[u32], form: Form, more: Vec<u32>) -> Result<()> {
+        if more.len() != pixels * self.shape.words()
+            || pixels > self.missing
+            || tiles.iter().any(|&tile| tile >= self.shape.tile_count())
+        {
             return Err(strange());
         }
-        self.parts.push(Part { task, pixels, listed: Listed::new(&self.shape, tiles), form });
+        self.parts.push(Part { task, pixels, listed: Listed::new(&self.shape, tiles), form, more });
         self.tiles.extend_from_slice(tiles);
         self.missing -= pixels;
         Ok(())
@@ -109,7 +120,7 @@ impl PassPoints {
         }
         self.tiles.sort_unstable();
         self.tiles.dedup();
-        for (own, device) in self.buffers.iter_mut().zip(frame.point_buffers()) {
+        for (own, device) in self.buffers.iter_mut().zip(all_buffers(frame)) {
             if own.len() != device.len() {
                 let buffer = |of: &&Buffer| {
                     Buffer::new(context, &format!("{} (staging)", of.name()), of.bytes(), Memory::Upload)
@@ -117,7 +128,10 @@ impl PassPoints {
                 *own = device.iter().map(buffer).collect::<Result<_>>()?;
             }
         }
-        self.written = Some(self.write()?);
+        let mut lit = std::mem::take(&mut self.lit);
+        lit.clear();
+        self.written = Some(self.write(&mut lit)?);
+        self.lit = lit;
         Ok(())
     }
 
@@ -125,7 +139,7 @@ impl PassPoints {
     /// left as they are: nothing reads them. Errors: those of [`PassPoints::prepare`].
     pub(crate) fn stage(&mut self, context: &Context, frame: &Frame) -> Result<Staging> {
         self.prepare(context, frame)?;
-        let device = frame.point_buffers();
+        let device = all_buffers(frame);
         let mut staging = Staging::new();
         let row = 16 * u64::from(self.shape.size[0]);
         for (i, rows) in self.written.iter().flatten().enumerate() {
@@ -136,11 +150,24 @@ impl PassPoints {
             }
             let first = component * 16 * self.shape.pixels() as u64;
             for rows in rows {
-                staging.copy(from, to, first + row * u64::from(rows.start)..first + row * u64::from(rows.end))?;
+                staging.copy(from, (to, 0), first + row * u64::from(rows.start)..first + row * u64::from(rows.end))?;
             }
         }
         for (from, to) in self.buffers[1].iter().zip(&device[1]) {
-            staging.copy(from, to, 0..from.bytes())?;
+            staging.copy(from, (to, 0), 0..from.bytes())?;
+        }
+        let pixels = self.shape.pixels() as u64;
+        let words = self.shape.more.into_iter().filter(|&words| words > 0);
+        for ((from, (to, at)), words) in
+            self.buffers[2].iter().zip(frame.more_buffers().into_iter().flatten()).zip(words)
+        {
+            staging.copy(from, (to, at), 0..4 * words as u64 * pixels)?;
+        }
+        if frame.near_light.as_ref().is_some_and(|near| !near.means().is_empty()) {
+            staging.stage_into(context, &frame.eye.list.entries, 0, &self.lit)?;
+            let groups = (self.lit.len() as u32).div_ceil(64);
+            let counts = DispatchCounts { live: self.lit.len() as u32, ..DispatchCounts::of_tiles(groups) };
+            staging.stage_into(context, &frame.eye.list.work, 0, &[counts])?;
         }
         staging.stage_into(context, &frame.eye.ideal_tiles.entries, 0, &self.tiles)?;
         let counts = DispatchCounts::of_tiles(self.tiles.len() as u32);
@@ -148,8 +175,8 @@ impl PassPoints {
         Ok(staging)
     }
 
-    /// Writes all points into the buffers; returns the rows that have been.
-    fn write(&self) -> Result<Vec<Vec<Range<u32>>>> {
+    /// Writes all points into the buffers; returns the rows that have been. `lit` receives the slots that light reaches.
+    fn write(&self, lit: &mut Vec<u32>) -> Result<Vec<Vec<Range<u32>>>> {
         let [width, height] = self.shape.size;
         let listed = Listed::new(&self.shape, &self.tiles);
         let (components, row_bytes) = (self.shape.components as usize, 16 * u64::from(width));
@@ -158,6 +185,13 @@ impl PassPoints {
         let mut rows = Rows {
             values: vec![vec![[0; 4]; width as usize]; ARRAYS * components],
             hits: vec![vec![[0; 2]; width as usize]; self.shape.arrays[1]],
+            more: self
+                .shape
+                .more
+                .into_iter()
+                .filter(|&words| words > 0)
+                .map(|words| vec![0; words * width as usize])
+                .collect(),
             plain: true,
         };
         for y in 0..height {
@@ -179,12 +213,28 @@ impl PassPoints {
                     extend(&mut filled[i], y);
                 }
             }
+            for component in 0..if has_second { components } else { 1 } {
+                let first = (component * self.shape.pixels()) as u32 + y * width;
+                let row = &rows.values[component * ARRAYS + WO];
+                let is_lit =
+                    |value: &[u32; 4]| ShadingPoints::flags(f32::from_bits(value[3])) & ShadingPoints::LIT != 0;
+                lit.extend((first..).zip(row).filter(|(_, value)| is_lit(value)).map(|(slot, _)| slot));
+            }
             for (buffer, row) in self.buffers[1].iter().zip(&rows.hits) {
                 buffer.write(8 * u64::from(y) * u64::from(width), bytemuck::cast_slice(row))?;
+            }
+            for (buffer, row) in self.buffers[2].iter().zip(&rows.more) {
+                buffer.write(4 * u64::from(y) * row.len() as u64, bytemuck::cast_slice(row))?;
             }
         }
         Ok(filled)
     }
+}
+
+/// The buffers of a frame that hold points.
+fn all_buffers(frame: &Frame) -> [Vec<&Buffer>; 3] {
+    let [by_slot, by_pixel] = frame.point_buffers();
+    [by_slot, by_pixel, frame.more_buffers().into_iter().flatten().map(|(buffer, _)| buffer).collect()]
 }
 
 /// Appends a row to the runs of rows before it.
@@ -199,6 +249,8 @@ fn extend(runs: &mut Vec<Range<u32>>, row: u32) {
 struct Rows {
     values: Vec<Vec<[u32; 4]>>,
     hits: Vec<Vec<[u32; 2]>>,
+    /// Words of further arrays.
+    more: Vec<Vec<u32>>,
     /// Whether all first components are plain.
     plain: bool,
 }
@@ -222,6 +274,14 @@ impl Walker<'_> {
     /// Writes the next row.
     fn write(&mut self, shape: &Shape, y: u32, rows: &mut Rows) {
         let (task, listed) = (&self.part.task, &self.part.listed);
+        let (mut begin, pixels) = (0, self.part.pixels);
+        for (row, words) in rows.more.iter_mut().zip(shape.more.into_iter().filter(|&words| words > 0)) {
+            for (x, i) in shape.row(task, y).zip(self.first.next..) {
+                let from = &self.part.more[begin + words * i..][..words];
+                row[words * x as usize..][..words].copy_from_slice(from);
+            }
+            begin += words * pixels;
+        }
         match &self.part.form {
             Form::Exact(points) => {
                 let slots = points.values.len() / ARRAYS;

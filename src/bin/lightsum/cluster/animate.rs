@@ -11,7 +11,7 @@ use lightsum::settings::Traversal;
 use lightsum::{Error, Result, input, output};
 use serde_json::{Value, json};
 
-use super::{LOOK, Master, claim, processor_since, refuse_flags};
+use super::{LOOK, Master, claim, processor_since, refuse_flags, tell_missing};
 use crate::animate::{Script, timings, write_json};
 use crate::args::Animate;
 use crate::progress::Progress;
@@ -36,9 +36,14 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let mut tasks = Tasks { left: part, again: VecDeque::new(), of_rank: BTreeMap::new() };
     let mut free: BTreeSet<usize> = master.clients().collect();
     let mut frames: BTreeMap<u32, Value> = BTreeMap::new();
-    let mut failure = None;
+    let (mut failure, mut told) = (None, false);
     loop {
         let stopped = interrupted.load(Ordering::Relaxed) || failure.is_some();
+        if stopped && failure.is_none() && !told {
+            // At once: where a rank was killed the job ends soon.
+            told = true;
+            tell_missing(args, &script.part(), frames.keys().map(|&frame| frame as usize));
+        }
         for rank in free.clone().into_iter().filter(|_| !stopped) {
             let Some(task) = tasks.next(rank, &mut script) else { break };
             free.remove(&rank);

@@ -36,10 +36,16 @@ pub fn add(master: &Master, sum: &mut Sum, limits: &Limits, progress: &mut Progr
         if interrupted.load(Ordering::Relaxed) || passes > 0 && stop.is_late(elapsed) {
             ranks.schedule.stop();
         }
-        // Not before the last one is there: ranks that deliver all the time would never be all done.
-        if !ranks.collecting && checkpoint.is_some_and(|every| last.elapsed() >= every) {
-            ranks.schedule.collect();
-            (ranks.collecting, last) = (true, Instant::now());
+        if checkpoint.is_some_and(|every| last.elapsed() >= every) {
+            last = Instant::now();
+            if ranks.collecting {
+                // A rank is slow: what the others have handed over is written without it. Nobody is asked again before the last film is there: ranks that
+                // deliver all the time would never be all done.
+                sum.checkpoint();
+            } else {
+                ranks.schedule.collect();
+                ranks.collecting = true;
+            }
         }
         if !ranks.hear(master, sum)? {
             std::thread::sleep(LOOK);

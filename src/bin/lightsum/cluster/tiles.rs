@@ -16,7 +16,7 @@ use lightsum::{Error, Result, input, output};
 use serde_json::{Value, json};
 
 use super::given::{Given, TASKS};
-use super::{LOOK, Master, claim, processor_since, refuse_flags};
+use super::{LOOK, Master, claim, processor_since, refuse_flags, tell_missing};
 use crate::animate::{Player, Script, timings, write_json};
 use crate::args::{Animate, ClusterTasks};
 use crate::progress::Progress;
@@ -42,6 +42,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let interrupted = watch_for_interrupt();
     master.load(args.cluster.local_scene, Traversal::Auto)?;
     let mut player = Player::new(script, scene, Some(Traversal::Auto), &interrupted)?;
+    master.compare(player.renderer.fingerprint())?;
     let engine = player.renderer.engine();
     engine.view().check_tasks(&engine.plan().settings)?;
     let tasks = Task::cut(&engine.plan().settings, engine.view().size(), (TASKS * master.clients().len()) as u32);
@@ -107,6 +108,9 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
         }
     }
     progress.finish();
+    if interrupted.load(Ordering::Relaxed) {
+        tell_missing(args, &part, part.start..part.start + frames.len());
+    }
     let (wall, processor) = (progress.elapsed(), processor_since(processor));
     master.end();
     let count = frames.len();

@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use lightsum::cluster::points::Shape;
 use lightsum::cluster::{Edits, Message, PassPoints};
 use lightsum::engine::Engine;
+use lightsum::fingerprint::fingerprint;
 use lightsum::settings::Traversal;
 use lightsum::view::Task;
 use lightsum::{Error, Result, input};
@@ -23,8 +24,11 @@ pub fn run(master: &mut Master, args: &View) -> Result<()> {
     };
     refuse_flags(&[(args.shown.kept.light_from.is_some(), "--light-from")])?;
     input::keep();
-    drop(view::prepare(path, args, None)?);
+    let (scene, camera, settings) = view::prepare(path, args, None)?;
+    let own = fingerprint(&scene, &camera, &settings);
+    drop(scene);
     master.load(args.cluster.local_scene, Traversal::Auto)?;
+    master.compare(own)?;
     let free: BTreeSet<usize> = master.clients().collect();
     let ranks = Ranks {
         master,
