@@ -35,7 +35,7 @@ pub struct Shape {
     pub components: u32,
     /// Arrays of 16 bytes a slot, and of 8 bytes a pixel.
     pub arrays: [usize; 2],
-    /// Words of 32 bits that a pixel has in further arrays, [`MORE_WORDS`]; 0: there is no such array.
+    /// Words of 32 bits that a pixel has in each further array; 0: there is no such array.
     pub more: [usize; 9],
 }
 
