@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(given.next(3), None);
         given.take(2, &slow, &nothing).unwrap();
         assert!(given.passes.iter().all(|pass| pass.points.is_complete()));
-        // What comes late is left out, also where the rank is lost.
+        // Late points are left out, also where the rank is lost.
         given.lost(1);
         assert!(given.passes.iter().all(|pass| pass.left.is_empty()));
         assert_eq!(given.next(1), None);

@@ -89,7 +89,7 @@ pub struct App<'a> {
     others: Option<Box<dyn Others + 'a>>,
     /// They have been asked for the next pass. The view must not change until it is recorded.
     asked: bool,
-    /// What happened meanwhile.
+    /// Events that came meanwhile.
     deferred: Vec<WindowEvent>,
     /// Frames with a pass of theirs.
     shared_frames: u64,
