@@ -1,4 +1,4 @@
-//! What the user of a window changes, for ranks that shade its points: edits travel, not scenes.
+//! Edits of a scene and its view, which a window sends to the ranks that shade its points in place of the whole scene.
 
 use std::collections::BTreeMap;
 

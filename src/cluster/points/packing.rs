@@ -16,7 +16,7 @@
 //! | other positions | 3 x 24 bits | 2^-17 of the scale, less than that |
 //! | depth | from the ray, or 26 bits | relative, [`DEPTH_ERROR`] |
 //!
-//! What spreads mirror images, velocities, and near light that spreads, are sent as they are.
+//! Velocities, near light that spreads, and the data by which mirror images spread are sent exactly.
 //!
 //! Values that are no numbers, reflectances above 1, and positions beyond 64 times the scale are sent as they are, with all points of the task, so that the master
 //! leaves the pass out where it has to.
@@ -463,7 +463,7 @@ fn put_more(out: &mut Vec<u8>, shape: &Shape, more: &[u32], pixels: usize) {
     }
 }
 
-/// What [`put_more`] appended; `None`: there are fewer bytes.
+/// Takes the words that [`put_more`] appended from the front of `bytes`; `None`: `bytes` ends before them.
 fn get_more(bytes: &mut &[u8], shape: &Shape, pixels: usize) -> Option<Vec<u32>> {
     let mut more = vec![0; shape.words() * pixels];
     let mut begin = 0;

@@ -60,7 +60,7 @@ pub struct Session {
     pub placed: BTreeMap<u32, Placed>,
     /// The keys recorded so far.
     pub route: Route,
-    /// What was changed, since the engine was made or before.
+    /// The latest change of each thing; those of camera and settings from the start.
     pub edits: Edits,
     engine: Engine,
     /// The scene, where it cannot be edited, since it shows light that was kept.
