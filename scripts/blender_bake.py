@@ -88,12 +88,18 @@ def prepare(glb, size, bounces):
     for material in bpy.data.materials:
         if material.node_tree and "Principled BSDF" in material.node_tree.nodes:
             plain_material(material, image)
-    meshes = [o for o in bpy.data.objects if o.type == "MESH"]
+    # Objects whose sides are all dark have no texels.
+    meshes = [o for o in bpy.data.objects if o.type == "MESH" and o.data.uv_layers]
     bpy.ops.object.select_all(action="DESELECT")
     for o in meshes:
         o.data.uv_layers.active_index = len(o.data.uv_layers) - 1
+        o.data.uv_layers.active.name = "light map"
         o.select_set(True)
     bpy.context.view_layer.objects.active = meshes[0]
+    # One object: Cycles bakes each by itself, and prepares the scene anew for it.
+    bpy.ops.object.join()
+    layers = bpy.context.view_layer.objects.active.data.uv_layers
+    layers.active_index = layers.find("light map")
     return image
 
 

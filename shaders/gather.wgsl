@@ -6,6 +6,7 @@
 #include "point.wgsl"
 #if NEAR
 #include "near.wgsl"
+#include "emitters.wgsl"
 #endif
 
 @group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
@@ -23,6 +24,10 @@
 #if GAPS
 @group(0) @binding(13) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(14) var<storage, read_write> work_out: DispatchCounts;
+#endif
+#if NEAR
+@group(0) @binding(15) var<storage, read> emitters: array<EmitterRecord>;
+#include "aim.wgsl"
 #endif
 var<immediate> push: Push;
 
@@ -96,6 +101,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     weight = select(weight / max(survival, 1e-6), vec3<f32>(0.0), dies);
     beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
     let reach = select(0.0, frame.up.w, above && !dies && (mean3(kd.xyz) > 0.0 || !diffuse));
-    ray_origin[slot] = vec4<f32>(point_position[slot].xyz, reach);
-    ray_direction[slot] = vec4<f32>(s.wi, 0.0);
+    let position = point_position[slot].xyz;
+    ray_origin[slot] = vec4<f32>(position, reach);
+    var of_emitters = 0.0;
+#if NEAR
+    // Of the light of an emitter the share that rays aimed at it leave to this one.
+    of_emitters = 1.0;
+    if diffuse && reach > 0.0 {
+        let by_aim = aimed_density(position, shading.xyz, reach, s.wi);
+        of_emitters = near_weights(slot, kd.w, wo_flags.w, dot(s.wi, shading.xyz), by_aim).along_lobe;
+    }
+#endif
+    ray_direction[slot] = vec4<f32>(s.wi, of_emitters);
 }

@@ -9,6 +9,11 @@
 #include "surface.wgsl"
 #include "write_point.wgsl"
 #include "near.wgsl"
+#if ONWARD
+#include "emitters.wgsl"
+@group(0) @binding(34) var<storage, read> emitters: array<EmitterRecord>;
+#include "aim.wgsl"
+#endif
 
 @group(0) @binding(29) var<storage, read> seen_position: array<vec4<f32>>;
 @group(0) @binding(30) var<storage, read> seen_geometric: array<vec4<f32>>;
@@ -79,8 +84,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let weight = select(vec3<f32>(0.0), before.xyz * share, met.found);
     let r = met.surface.reflectance;
     let sends = mean3(weight) > 0.0 && reflects(met);
-    // A pixel knows irradiance, so lobes count as diffuse; surfaces that are mostly lobe are lit instead.
-    let matte = mean3(r.kd) > NEAR_MATTE * mean3(r.f0);
+    let matte = is_matte(r.kd, r.f0);
     let shown = pixel_showing(met.surface.position, met.surface.geometric, class_of(slot));
     let q = select(NO_POINT, shown, sends && matte);
     near_slot[slot] = q;
@@ -92,7 +96,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var chance = 1.0;
 #if ONWARD
     let goes_on = false;
-    emitted[slot] = vec4<f32>(weight * met.surface.emission, 1.0);
+    // The points still hold the hit that it comes from, where other rays aim at emitters.
+    let normal = point_shading[slot].xyz;
+    let wi = ray_direction[slot].xyz;
+    let by_aim = aimed_density(point_position[slot].xyz, normal, NEAR_CLOSER * frame.up.w, wi);
+    let of_emitters = onward_weights(dot(wi, normal), by_aim).along_lobe;
+    emitted[slot] = vec4<f32>(of_emitters * weight * met.surface.emission, 1.0);
 #else
     // Some rays go on from a hit that no pixel shows, for near light of its own, and it is not lit.
     let s = met.surface;
@@ -101,7 +110,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let goes_on = may_go_on && random(key(frame.keys.x, STREAM_NEAR, sample, 0u)) < NEAR_ONWARD;
     lit = lit && !goes_on;
     chance = select(1.0, select(1.0 - NEAR_ONWARD, NEAR_ONWARD, goes_on), may_go_on);
-    emitted[slot] = vec4<f32>(weight * s.emission, 0.0);
+    emitted[slot] = vec4<f32>(ray_direction[slot].w * weight * s.emission, 0.0);
     if goes_on {
         let u = random(key(frame.keys.x, STREAM_NEAR, sample, 1u));
         let v = random(key(frame.keys.x, STREAM_NEAR, sample, 2u));

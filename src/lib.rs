@@ -75,7 +75,8 @@
 //! 6. [`Compensation`](stage::Compensation), bounce by bounce: [`gather`](pass::gather), [`trace`](pass::trace) and
 //!    [`gathered_points`](pass::gathered_points) follow one short ray from each point for the light that clipping cut off, [`shade`](pass::shade)
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
-//!    [`NearLight`](stage::NearLight), once: [`near_points`](pass::near_points) finds the pixels that show the hits, and
+//!    [`NearLight`](stage::NearLight), once: [`near_aim`](pass::near_aim) sends rays towards near emitters,
+//!    [`near_points`](pass::near_points) finds the pixels that show the hits of others, and
 //!    [`near_collect`](pass::near_collect) takes their irradiance.
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface, [`sparse_windows`](pass::sparse_windows)
 //!    exchanges it where there are few of them,

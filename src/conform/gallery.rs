@@ -191,6 +191,22 @@ pub fn gallery_with_tables() -> Scene {
     })
 }
 
+/// The gallery with few emitters in reach of its surfaces: a parallelogram, a triangle and a sphere.
+pub fn gallery_with_few_emitters() -> Scene {
+    let emission = Vec3::new(3.0, 2.0, 1.0);
+    let mut scene = gallery_and(|b| {
+        let lamp = b.material(Material { emission, ..Material::default() });
+        // Both face the room.
+        b.quad(Vec3::new(-1.8, 1.2, -0.8), Vec3::new(0.9, 0.1, 0.0), Vec3::new(0.2, 0.5, 0.1), lamp, 1.0);
+        b.triangle([Vec3::new(1.0, 0.6, -0.9), Vec3::new(1.7, 0.6, -0.7), Vec3::new(1.2, 1.3, -0.8)], lamp);
+    });
+    for material in scene.materials.iter_mut().filter(|material| material.emission != emission) {
+        (material.emission, material.emission_texture) = (Vec3::ZERO, None);
+    }
+    scene.lights.retain(|light| matches!(light, Light::Sphere { inward: false, .. }));
+    scene
+}
+
 /// The gallery with surfaces that let rays pass: leaves, a curtain, veils one behind another, and half a mirror.
 pub fn gallery_with_alpha() -> Scene {
     gallery_and(|b| {

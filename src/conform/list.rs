@@ -107,7 +107,7 @@ macro_rules! each_check {
                 lobes_follow_their_oracle("discontinuity_lobes", Nothing, "indirect dispatch", "1e-4; 1 of 1000 pixels may differ");
             }
             near {
-                near_light_follows_its_oracles("gather_near near_points near_spread near_collect near_add", Nothing, "indirect dispatch", "5e-4, sums 1e-5; 1 of 1000 rays may differ");
+                near_light_follows_its_oracles("gather_near near_aim near_aim_light near_points near_spread near_collect near_add", Nothing, "indirect dispatch", "5e-4, sums 1e-5; 1 of 1000 rays may differ");
             }
             outliers {
                 outliers_follow_their_oracle("outliers", Nothing, "indirect dispatch", "1e-3");

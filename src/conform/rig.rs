@@ -20,7 +20,10 @@ use crate::superposition::kernels::KernelLibrary;
 use bytemuck::Pod;
 use glam::{Vec3, Vec4};
 
-pub use super::gallery::{Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_tables, orthographic};
+pub use super::gallery::{
+    Builder, gallery, gallery_outdoors, gallery_with_alpha, gallery_with_few_emitters, gallery_with_tables,
+    orthographic,
+};
 pub use super::tally::{STRAYS, Tally, close};
 
 /// A scene whose stages run one by one.

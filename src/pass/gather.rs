@@ -137,15 +137,26 @@ pub fn near_reference(
 
 /// Oracle: point that gives the near ray of a slot its direction.
 pub fn near_point(frame: &layout::FrameParameters, slot: u32, class: u32) -> [f32; 2] {
-    let ([width, _, pixels, pass], [across, down, classes, _], spread) = (frame.size, frame.pattern, frame.mirrors[3]);
+    let sending = near_points::ray_classes(frame.pattern[2]);
+    let of_class = frame.size[3].wrapping_mul(sending).wrapping_add(near_points::near_order(frame, class));
+    near_sequence(frame, (slot, class), of_class, GATHER)
+}
+
+/// Oracle: point number `of_class` of the sequence for a slot of a class, among those of its neighbours.
+pub fn near_sequence(
+    frame: &layout::FrameParameters,
+    (slot, class): (u32, u32),
+    of_class: u32,
+    stream: u32,
+) -> [f32; 2] {
+    let ([width, _, pixels, _], [across, down, ..], spread) = (frame.size, frame.pattern, frame.mirrors[3]);
     let (second, pixel) = (slot >= pixels, slot % pixels);
     let place = [pixel % width / across % spread, pixel / width / down % spread];
-    let n = pass.wrapping_mul(near_points::ray_classes(classes)).wrapping_add(near_points::near_order(frame, class));
-    let of_pixels = n.wrapping_mul(spread * spread).wrapping_add(place[1] * spread + place[0]);
+    let of_pixels = of_class.wrapping_mul(spread * spread).wrapping_add(place[1] * spread + place[0]);
     let (n, begins) = if second { (class, frame.keys[0]) } else { (of_pixels, frame.keys[1]) };
     // The powers 1/p and 1/p^2 of the plastic number p, in units of 2^-32.
     let steps = [3_242_174_889u32, 2_447_445_414];
-    [0, 1].map(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(key(begins, GATHER, 0, d as u32))))
+    [0, 1].map(|d| unit(n.wrapping_mul(steps[d]).wrapping_add(key(begins, stream, 0, d as u32))))
 }
 
 /// The ray of a sample point.

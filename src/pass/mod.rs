@@ -40,6 +40,7 @@ pub mod merge;
 pub mod mirror_image;
 pub mod mirror_lights;
 pub mod motion_blur;
+pub mod near_aim;
 pub mod near_collect;
 pub mod near_points;
 pub mod outliers;

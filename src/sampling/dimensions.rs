@@ -45,6 +45,7 @@
 //! | [`SPLAT`]   | scrambling of the points of the particles of splats: dimension, 0 |
 //! | [`SPLAT_SIDE`] | side of a two-sided emitter: particle, 0                |
 //! | [`SPLAT_LOBE`], [`SPLAT_COMPONENT`], [`SPLAT_ROULETTE`] | diffuse or specular; transmission, reflection or base; absorption: particle, bounces |
+//! | [`AIM`]     | start of the points of rays towards near emitters: 0, dimension |
 //! | [`BLUR`] | first sample of wide windows of motion blur: 0, 0; rows of segments: 0, 1 |
 
 use super::halton::PRIMES;
@@ -124,6 +125,8 @@ pub const SPLAT_COMPONENT: u32 = 28;
 pub const SPLAT_ROULETTE: u32 = 29;
 /// Stream: first sample of wide windows, and rows of segments, of motion blur.
 pub const BLUR: u32 = 30;
+/// Stream: start of the points of rays towards near emitters.
+pub const AIM: u32 = 31;
 
 /// Dimensions of a photon: direction, place on the emitter (the first also chooses it), target.
 pub const PHOTON_DIMENSIONS: [usize; 5] = [0, 1, 2, 3, 4];

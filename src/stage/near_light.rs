@@ -1,5 +1,5 @@
 //! Near light that clipping cut off, mostly from irradiance that other pixels have already: one near ray for each shading
-//! point (see [`crate::pass::near_points`]).
+//! point (see [`crate::pass::near_points`]), and one at near emitters (see [`crate::pass::near_aim`]).
 
 use super::points::chunks;
 use super::{Counts, Eye, PointOrder, Shade, SoftShadows, Stage};
@@ -9,6 +9,7 @@ use crate::gpu::{Buffer, Recorder};
 use crate::pass::gather::Gather;
 use crate::pass::layout::Step;
 use crate::pass::light_lists::LightLists;
+use crate::pass::near_aim::NearAim;
 use crate::pass::near_collect::{self, NearCollect};
 use crate::pass::near_points::{self, NearPoints};
 use crate::pass::schedule::Schedule;
@@ -36,7 +37,10 @@ pub struct NearLight {
     pub onward: List,
     /// Near light: direct and indirect; w of the first: the lobe.
     pub near: [Buffer; 2],
+    /// Points, and lit hits of near rays, with a ray towards a near emitter.
+    pub aimed: [List; 2],
     counts: Counts,
+    aim: [(NearAim, Trace, Schedule); 2],
     gather: (Gather, u32),
     trace: (Trace, Vec<u32>),
     near_points: NearPoints,
@@ -79,6 +83,10 @@ impl NearLight {
         let list = List::new(kit, "near points", &kit.array("near points list", slots, 4)?)?;
         let started = List::new(kit, "near rays", &kit.array("near rays list", slots, 4)?)?;
         let onward = List::new(kit, "near rays onward", &kit.array("near rays onward list", slots, 4)?)?;
+        let aimed = [
+            List::new(kit, "near emitters", &kit.array("near emitters list", slots, 4)?)?,
+            List::new(kit, "near emitters of hits", &kit.array("list of near emitters of hits", slots, 4)?)?,
+        ];
         let inputs = near_points::Inputs {
             rays: &eye.rays,
             list_in: &started,
@@ -110,7 +118,19 @@ impl NearLight {
             near: &near,
         };
         Ok(Some(NearLight {
-            counts: Counts::new(kit, 1, [&list, &started, &onward])?,
+            counts: Counts::new(kit, 1, [&list, &started, &onward, &aimed[0], &aimed[1]])?,
+            aim: [
+                (
+                    NearAim::new(kit, &eye.points, (&eye.list, &aimed[0]), &eye.rays, &shade.lighting.direct)?,
+                    Trace::new(kit, &eye.rays, &aimed[0], &steps)?,
+                    Schedule::new(kit, &aimed[0].work, &steps)?,
+                ),
+                (
+                    NearAim::of_hits(kit, &points, (&list, &aimed[1]), &eye.rays, &hit_lighting.direct)?,
+                    Trace::new(kit, &eye.rays, &aimed[1], &steps)?,
+                    Schedule::new(kit, &aimed[1].work, &steps)?,
+                ),
+            ],
             gather: (
                 Gather::of_near_rays(kit, &eye.points, (&eye.list, &started), &eye.rays, &beta, &steps)?,
                 gather_step,
@@ -135,6 +155,7 @@ impl NearLight {
             list,
             started,
             onward,
+            aimed,
             near,
         }))
     }
@@ -170,15 +191,38 @@ impl NearLight {
     }
 
     fn record_light(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
+        rec.scope("near_aim", |rec| self.record_aimed(rec))?;
         self.record_rays(rec)?;
         rec.scope("near_points", |rec| self.record_points(rec))?;
         rec.scope("near_onward", |rec| self.record_onward(rec))?;
         rec.scope("near_shade", |rec| self.record_shade(rec, paths))
     }
 
+    fn record_aimed(&self, rec: &mut Recorder) -> Result<()> {
+        self.record_aimed_rays(rec)?;
+        self.record_aimed_light(rec, 0)
+    }
+
+    /// Clears the counts, and traces rays towards near emitters.
+    pub fn record_aimed_rays(&self, rec: &mut Recorder) -> Result<()> {
+        self.counts.record_clear(rec)?;
+        self.record_aim(rec, 0)
+    }
+
+    fn record_aim(&self, rec: &mut Recorder, k: usize) -> Result<()> {
+        let (aim, trace, schedule) = &self.aim[k];
+        aim.record_rays(rec)?;
+        schedule.record(rec, self.list_step)?;
+        trace.record(rec, &self.trace.1, None)
+    }
+
+    /// Adds what the rays of [`NearLight::aimed`] number `k` found to the light of their points.
+    pub fn record_aimed_light(&self, rec: &mut Recorder, k: usize) -> Result<()> {
+        self.aim[k].0.record_light(rec)
+    }
+
     /// The part up to the hits of the near rays.
     pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
-        self.counts.record_clear(rec)?;
         rec.scope("near_gather", |rec| self.gather.0.record(rec, self.gather.1))?;
         self.schedules[0].record(rec, self.list_step)?;
         rec.scope("near_trace", |rec| self.trace.0.record(rec, &self.trace.1, None))
@@ -189,8 +233,10 @@ impl NearLight {
         self.near_points.record(rec)
     }
 
-    /// The part that follows the rays that go on from hits that no pixel shows.
+    /// The part that traces rays from lit hits to near emitters, and follows those that go on from hits that no pixel shows.
     pub fn record_onward(&self, rec: &mut Recorder) -> Result<()> {
+        self.schedules[2].record(rec, self.list_step)?;
+        self.record_aim(rec, 1)?;
         self.schedules[1].record(rec, self.list_step)?;
         self.onward_trace.record(rec, &self.trace.1, None)?;
         self.onward_points.record(rec)?;
@@ -199,7 +245,8 @@ impl NearLight {
 
     /// Hits that no pixel shows are lit by lights of these paths.
     pub fn record_shade(&self, rec: &mut Recorder, paths: &Paths) -> Result<()> {
-        self.shade.0.record(rec, self.shade.1.iter().filter(|chunk| chunk.is_lit(paths, self.delta)))
+        self.shade.0.record(rec, self.shade.1.iter().filter(|chunk| chunk.is_lit(paths, self.delta)))?;
+        self.record_aimed_light(rec, 1)
     }
 
     /// The light goes back to the pixels.

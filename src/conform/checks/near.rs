@@ -2,6 +2,7 @@
 
 use crate::accel::{Ray, offset_origin};
 use crate::conform::Bench;
+use crate::pass::near_aim::{self, Part};
 use crate::pass::near_collect::{self, Link};
 use crate::pass::near_points::{self, NOT_SHOWN, Seen};
 use crate::pass::shade::ShadingPoint;
@@ -15,7 +16,8 @@ use glam::{Vec3, Vec4};
 
 use super::light::receivers;
 use crate::conform::rig::{
-    Rig, STRAYS, Tally, close, gallery_with_tables, hit_of, is_lit, orthographic, ray_of, sine_error,
+    Rig, STRAYS, Tally, close, gallery_with_few_emitters, gallery_with_tables, hit_of, is_lit, orthographic, ray_of,
+    sine_error,
 };
 use std::f32::consts::FRAC_1_PI;
 
@@ -27,7 +29,7 @@ fn stage<'a>(rig: &'a Rig) -> &'a NearLight {
     rig.frame().near_light.as_ref().unwrap()
 }
 
-/// Counts of rays, hits that a pixel shows, hits that are lit, rays from a lobe, rays that went on.
+/// Counts of rays, hits that a pixel shows, hits that are lit, rays from a lobe, rays that went on; rays aimed at emitters, from pixels and from hits.
 #[derive(Debug, Default)]
 struct Met {
     rays: usize,
@@ -35,6 +37,7 @@ struct Met {
     lit: usize,
     specular: usize,
     onward: usize,
+    aimed: [usize; 2],
 }
 
 /// Of the end of a near ray, by the oracles.
@@ -87,11 +90,68 @@ impl End {
 
 type Pixels<'a> = (&'a [ShadingPoint], &'a [Vec4]);
 
+/// The emitters that a point can aim at.
+fn parts_of(rig: &Rig, point: &ShadingPoint, reach: f32) -> Vec<(Part, f32)> {
+    near_aim::parts(&rig.engine.emitters().list, point.position, point.shading, reach)
+}
+
+/// Rays `k` of [`NearLight::aimed`] leave those of the slots that `is_source` names, and add light of the emitters that they meet. Returns how many.
+fn check_aimed(rig: &Rig, k: usize, slots: &[u32], from: &[ShadingPoint], is_source: impl Fn(usize) -> bool) -> usize {
+    let (p, near, eye) = (&rig.parameters, stage(rig), &rig.frame().eye);
+    let reach = [1.0, near_points::CLOSER][k] * p.up[3];
+    let aimed = rig.sorted(&near.aimed[k]);
+    let [origin, direction, hits] = [&eye.rays.origin, &eye.rays.direction, &eye.rays.hits].map(|b| rig.vec4s(b));
+    let lighting = [&rig.frame().shade.lighting, &near.hit_lighting][k];
+    let flags = rig.vec4s(&eye.points.wo);
+    let old = rig.vec4s(&lighting.direct);
+    rig.run(|_, rec| near.record_aimed_light(rec, k));
+    let new = rig.vec4s(&lighting.direct);
+    let mut rays = Tally::new(format!("rays aimed at emitters, {k}, {}x{}", p.size[0], p.size[1]));
+    let mut light = Tally::new(format!("their light, {k}, {}x{}", p.size[0], p.size[1]));
+    for &slot in slots {
+        let i = slot as usize;
+        let point = &from[i];
+        let parts = parts_of(rig, point, reach);
+        let at =
+            if k == 0 { near_aim::point(p, slot, sort::class_of(p, slot)) } else { near_aim::point_at_hit(p, slot) };
+        let expected = near_aim::direction(&parts, at).filter(|_| is_source(i)).and_then(|wi| {
+            let (cosine, by_aim) = (wi.dot(point.shading), near_aim::density(&parts, wi));
+            let diffuse = point.gathering().diffuse_probability();
+            let (_, weight) = match k {
+                0 => near_aim::near_weights(p, (slot, ShadingPoints::flags(flags[i].w)), diffuse, cosine, by_aim),
+                _ => near_aim::onward_weights(cosine, by_aim),
+            };
+            (cosine > 0.0 && wi.dot(point.geometric) > 0.0 && by_aim > 0.0).then_some((wi, cosine * weight))
+        });
+        let is_aimed = aimed.binary_search(&slot).is_ok();
+        let ray = ray_of(origin[i], direction[i]);
+        let same = is_aimed == expected.is_some()
+            && expected.is_none_or(|(wi, weight)| {
+                let start = ray.origin == point.position && ray.t_max == reach;
+                start && close(ray.direction, wi, 0.0, 1e-3) && (direction[i].w - weight).abs() <= 5e-3 * weight
+            });
+        rays.check(same, || format!("slot {i}: {:?} for {expected:?}", is_aimed.then_some((ray, direction[i].w))));
+        let hit = hit_of(hits[i]).filter(|_| is_aimed);
+        let found = hit.map_or(Vec3::ZERO, |hit| {
+            let emission = surface_at(rig.scene, rig.bvh(), &hit, ray.direction, p.cones[2] * hit.t).emission;
+            direction[i].w * (1.0 - (hit.t / reach).powi(2)).max(0.0) * emission
+        });
+        let added = (new[i] - old[i]).truncate();
+        let sum = old[i].truncate() + found;
+        light.check(close(new[i].truncate(), sum, 1e-4, 1e-6), || format!("slot {i}: {added} for {found}"));
+    }
+    rays.finish(STRAYS);
+    light.finish(STRAYS);
+    aimed.len()
+}
+
 /// Rays leave the right pixels, their hits find the pixels that show them, and some rays go on from other hits.
 fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     let (p, near, eye) = (&rig.parameters, stage(rig), &rig.frame().eye);
     let before = receivers(rig, &eye.points);
-    rig.prefill(&[&near.near_slot, &near.beta, &near.points.wo]);
+    rig.prefill(&[&near.near_slot, &near.beta, &near.points.wo, &near.aimed[0].entries]);
+    rig.run(|_, rec| near.record_aimed_rays(rec));
+    met.aimed[0] += check_aimed(rig, 0, &rig.list(0), &before, |i| before[i].reflectance.kd != Vec3::ZERO);
     rig.run(|_, rec| near.record_rays(rec));
     let traced = [&eye.rays.origin, &eye.rays.direction, &eye.rays.hits].map(|b| rig.vec4s(b));
     rig.run(|_, rec| near.record_points(rec));
@@ -110,7 +170,7 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     };
     let (beta, emitted, wo, slots, after) = read();
     let onward_rays = [&eye.rays.origin, &eye.rays.direction].map(|b| rig.vec4s(b));
-    let (mut listed, mut onward) = (Vec::new(), Vec::new());
+    let (mut listed, mut onward, mut shares) = (Vec::new(), Vec::new(), Vec::new());
     for &slot in &started {
         let i = slot as usize;
         let (expected, weight, specular) =
@@ -121,9 +181,16 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
         rays.check(same, || format!("slot {i}: {ray:?} for {expected:?}"));
         assert_eq!(beta[i].w, f32::from(specular), "{what}: lobe of slot {i}");
         let end = End::of(rig, slot, (ray, hit), (weight, p.up[3]), (&before, &seen_wo));
-        found.check(close(emitted[i].truncate(), end.light, tolerance, 1e-6) && emitted[i].w == 0.0, || {
-            format!("slot {i}: {} for {}", emitted[i], end.light)
-        });
+        // Rays aimed at emitters bring the rest.
+        let point = &before[i];
+        let share = |reach: f32, wi: Vec3| {
+            let by_aim = near_aim::density(&parts_of(rig, point, reach), wi);
+            let diffuse = point.gathering().diffuse_probability();
+            near_aim::near_weights(p, (slot, flags(slot)), diffuse, wi.dot(point.shading), by_aim).0
+        };
+        let share = if specular || ray.t_max == 0.0 { 1.0 } else { share(p.up[3], ray.direction) };
+        let close_light = close(emitted[i].truncate(), share * end.light, tolerance.max(5e-3), 1e-6);
+        found.check(close_light && emitted[i].w == 0.0, || format!("slot {i}: {} for {}", emitted[i], end.light));
         found.check(slots[i] == end.shown.unwrap_or(NOT_SHOWN), || {
             format!("slot {i}: pixel {} for {:?}", slots[i], end.shown)
         });
@@ -151,6 +218,9 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
             let reach = if direction.dot(s.geometric) > 0.0 { near_points::CLOSER * p.up[3] } else { 0.0 };
             let [from, to] = [onward_rays[0][i], onward_rays[1][i].truncate().extend(0.0)];
             let same = close(from.truncate(), origin, 1e-5, 1e-5) && close(to.truncate(), direction, 0.0, 1e-3);
+            let parts = parts_of(rig, &ShadingPoint { position: origin, shading: s.shading, ..before[i] }, reach);
+            let by_aim = near_aim::density(&parts, direction);
+            shares.push(near_aim::onward_weights(direction.dot(s.shading), by_aim).0);
             rays.check(same && from.w == reach, || format!("slot {i} goes on: {from}, {to} for {origin}, {direction}"));
         }
         met.rays += 1;
@@ -159,11 +229,19 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     }
     assert_eq!(rig.sorted(&near.list), listed, "{what}: the list names the lit hits, each once");
     assert_eq!(rig.sorted(&near.onward), onward, "{what}: so does that of the rays that go on");
-    rig.run(|_, rec| near.record_onward(rec));
+    rig.run(|_, rec| {
+        rec.fill(&near.hit_lighting.direct, 0)?;
+        near.record_onward(rec)
+    });
+    let is_source = |i: usize| {
+        let r = after[i].reflectance;
+        mean(r.kd) > near_points::MATTE * mean(r.f0) && p.scene[2] > 3
+    };
+    met.aimed[1] += check_aimed(rig, 1, &listed, &after, is_source);
     let traced = [&eye.rays.origin, &eye.rays.direction, &eye.rays.hits].map(|b| rig.vec4s(b));
     let first = beta;
     let (beta, emitted, wo, slots, _) = read();
-    for &slot in &onward {
+    for (&slot, share) in onward.iter().zip(shares) {
         let i = slot as usize;
         let clip = near_points::CLOSER * p.up[3];
         let end = End::of(rig, slot, rays_of(&traced, i), (first[i].truncate(), clip), (&before, &seen_wo));
@@ -172,7 +250,7 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
             Some(s) if is_shown => end.weight * (s.reflectance.kd + s.reflectance.f0) * FRAC_1_PI,
             _ => end.weight,
         };
-        let same = close(emitted[i].truncate(), end.light, 1e-3, 1e-6)
+        let same = close(emitted[i].truncate(), share * end.light, 5e-3, 1e-6)
             && close(beta[i].truncate(), link, 1e-3, 1e-6)
             && (emitted[i].w, beta[i].w) == (1.0, first[i].w)
             && slots[i] == end.shown.unwrap_or(NOT_SHOWN)
@@ -309,6 +387,20 @@ pub fn near_light_follows_its_oracles(bench: &Bench) {
         met.rays > 1000 && met.shown > 300 && met.lit > 300 && met.specular > 50 && met.onward > 50,
         format_args!("{met:?}"),
     );
+    // Points near emitters aim at them where there are few.
+    assert_eq!(met.aimed, [0, 0], "there are too many");
+    let lamps = gallery_with_few_emitters();
+    let mut of_lamps = Met::default();
+    for (resolution, pattern, pass) in [([97, 61], [3, 3], 0), ([61, 47], [2, 3], 30), ([128, 96], [2, 2], 5)] {
+        let filtered = Settings { filter: Some(Filter::default()), ..settings(pattern) };
+        let rig = bench.rig_at_pass(&lamps, resolution, filtered, pass);
+        assert!(rig.engine.emitters().list.len() <= near_aim::EMITTERS);
+        rig.light();
+        check_points(&rig, sine, &mut of_lamps);
+        check_collect(&rig);
+    }
+    log::info!("{of_lamps:?} with few emitters");
+    bench.covered(of_lamps.aimed[0] > 1000 && of_lamps.aimed[1] > 50, format_args!("{of_lamps:?}"));
     // Off-centre, as the projection of a host may be.
     let mut shifted = scene.clone();
     let frustum = Frustum { half_extents: [0.9, 0.7], shift: [0.35, -0.2] };
