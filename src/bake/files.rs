@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 use crate::fingerprint::Fnv;
 use crate::output::{self, Encoding, FileSet, Layers, Metadata, Tonemap};
 use crate::scene::export::{self, GENERATOR, Writer};
-use crate::scene::{Scene, TextureUse};
+use crate::scene::{Scene, TextureUse, Triangle};
 use crate::settings::Exposure;
 
 /// Which light the maps hold.
@@ -128,8 +128,18 @@ struct Side {
     corners: Option<[Vec2; 3]>,
 }
 
-/// Kind of a primitive: material, smoothness, page.
-pub(super) type Kind = (u32, bool, Option<u32>);
+/// Kind of a primitive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Kind {
+    pub material: u32,
+    pub smooth: bool,
+    /// Page of its light, if it has texels.
+    pub page: Option<u32>,
+    /// Whether it stands for both sides of its triangles.
+    pub both_sides: bool,
+    /// Whether it emits what its material does; not the back of a lamp.
+    pub emits: bool,
+}
 
 /// Name of the map of a page beside the model.
 fn map_path(path: &Path, what: &str, page: usize) -> PathBuf {
@@ -247,16 +257,23 @@ fn sides(scene: &Scene, charts: &Charts) -> BTreeMap<u32, BTreeMap<Kind, Vec<Sid
     }
     let mut groups: BTreeMap<u32, BTreeMap<Kind, Vec<Side>>> = BTreeMap::new();
     for ((i, triangle), places) in (0..).zip(&scene.triangles).zip(places) {
+        let material = &scene.materials[triangle.material as usize];
+        let shines_in_front = material.emission != Vec3::ZERO && !material.two_sided;
+        let both_sides = places == [None, None];
         let mut add = |back: bool, place: Option<(u32, [Vec2; 3])>| {
-            let kind = (triangle.material, triangle.smooth, place.map(|(page, _)| page));
+            let (Triangle { material, smooth, .. }, page) = (*triangle, place.map(|(page, _)| page));
+            let kind = Kind { material, smooth, page, both_sides, emits: !(back && shines_in_front) };
             let side = Side { triangle: i, back, corners: place.map(|(_, corners)| corners) };
             groups.entry(triangle.object).or_default().entry(kind).or_default().push(side);
         };
         match places {
             [None, None] => add(false, None),
             [front, back] => {
-                for (is_back, place) in [(false, front), (true, back)].into_iter().filter(|(_, p)| p.is_some()) {
-                    add(is_back, place);
+                if front.is_some() || shines_in_front {
+                    add(false, front);
+                }
+                if back.is_some() {
+                    add(true, back);
                 }
             }
         }
@@ -361,7 +378,7 @@ fn primitive(
     document: &mut Writer,
     (scene, charts): (&Scene, &Charts),
     form: Form,
-    (material, smooth, page): Kind,
+    Kind { material, smooth, page, .. }: Kind,
     sides: &[Side],
     index: usize,
 ) -> Value {

@@ -23,7 +23,7 @@ pub(super) struct Materials<'a> {
     form: Form,
     /// Exposure of the unlit form in stops.
     stops: f32,
-    made: HashMap<(u32, Option<u32>), usize>,
+    made: HashMap<(u32, Option<u32>, bool, bool), usize>,
     /// The materials.
     pub list: Vec<Value>,
     /// The images, each a texture of the same index.
@@ -62,23 +62,26 @@ impl<'a> Materials<'a> {
     }
 
     /// Index of the material of a primitive.
-    pub fn index(&mut self, (material, _, page): Kind) -> Result<usize> {
-        let key = match self.form {
-            // One form for sides with light, one for triangles without.
-            Form::Lit => (material, page.map(|_| 0)),
-            Form::Unlit { .. } => (page.map_or(material, |_| 0), page),
+    pub fn index(&mut self, kind: Kind) -> Result<usize> {
+        let Kind { material, page, both_sides, emits, .. } = kind;
+        let key = match (self.form, page) {
+            // Primitives of all pages have one form.
+            (Form::Lit, _) => (material, None, both_sides, emits),
+            (Form::Unlit { .. }, Some(_)) => (0, page, both_sides, true),
+            (Form::Unlit { .. }, None) => (material, None, both_sides, true),
         };
         if let Some(&index) = self.made.get(&key) {
             return Ok(index);
         }
         let m = &self.scene.materials[material as usize];
         let mut value = match (self.form, page) {
-            (Form::Lit, _) => export::material(m),
+            (Form::Lit, _) if emits => export::material(m),
+            (Form::Lit, _) => export::material(&Material { emission: Vec3::ZERO, emission_texture: None, ..m.clone() }),
             (Form::Unlit { .. }, Some(page)) => textured(format!("radiance {page}"), page as usize),
             (Form::Unlit { tonemap, .. }, None) if is_pattern(m) => self.pattern(m, tonemap)?,
             (Form::Unlit { .. }, None) => self.plain(m),
         };
-        value["doubleSided"] = json!(page.is_none());
+        value["doubleSided"] = json!(both_sides);
         self.list.push(value);
         self.made.insert(key, self.list.len() - 1);
         Ok(self.list.len() - 1)

@@ -550,6 +550,38 @@ fn manifests_name_every_object_and_its_place() {
     });
 }
 
+/// A lamp that shines downwards and whose back reflects the light of the ceiling: the model has a side for each, and the back is not a second
+/// lamp.
+#[test]
+fn backs_of_lamps_do_not_shine_in_the_model() {
+    gpu_test(|ctx| {
+        let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+        let mut soup = Soup::new("lamp");
+        let (grey, lamp) = (soup.diffuse(0.7, 0.0), soup.diffuse(0.5, 3.0));
+        soup.quad(Vec3::ZERO, z * 4.0, x * 4.0, grey);
+        soup.quad(y * 2.0, x * 4.0, z * 4.0, grey);
+        soup.quad(Vec3::new(1.5, 1.6, 1.5), x, z, lamp);
+        let scene = soup.0;
+        let (_, light) = baked(ctx, &scene, &plain(), at_density(8.0), 4);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lamp.glb");
+        files::write(&path, &scene, &light, (Parts::Together, Form::Lit), &Metadata::default()).unwrap();
+        let model = lightsum::scene::load(&path).unwrap();
+        let (mut shining, mut dark) = (0, 0);
+        for triangle in &model.triangles {
+            let [a, b, c] = triangle.vertices.map(|v| model.positions[v as usize]);
+            if (a.y - 1.6).abs() > 1e-4 {
+                continue;
+            }
+            let is_front = (b - a).cross(c - a).y < 0.0;
+            let emission = model.materials[triangle.material as usize].emission;
+            assert_eq!(emission != Vec3::ZERO, is_front, "{emission}");
+            *if is_front { &mut shining } else { &mut dark } += 1;
+        }
+        assert_eq!((shining, dark), (2, 2));
+    });
+}
+
 #[test]
 fn what_does_not_fit_is_refused_with_a_density_that_would() {
     gpu_test(|ctx| {
