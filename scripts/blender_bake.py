@@ -21,6 +21,7 @@ import tempfile
 import time
 
 import bpy
+import bmesh
 import numpy as np
 import OpenEXR
 
@@ -43,6 +44,7 @@ def plain_material(material, image):
     nodes, links = material.node_tree.nodes, material.node_tree.links
     principled = nodes["Principled BSDF"]
     colour, strength = principled.inputs["Base Color"], principled.inputs["Emission Strength"].default_value
+    material["glows"] = strength > 0.0
     glow = [x * strength for x in principled.inputs["Emission Color"].default_value[:3]]
     diffuse = nodes.new("ShaderNodeBsdfDiffuse")
     if colour.is_linked:
@@ -98,9 +100,23 @@ def prepare(glb, size, bounces):
     bpy.context.view_layer.objects.active = meshes[0]
     # One object: Cycles bakes each by itself, and prepares the scene anew for it.
     bpy.ops.object.join()
-    layers = bpy.context.view_layer.objects.active.data.uv_layers
-    layers.active_index = layers.find("light map")
+    mesh = bpy.context.view_layer.objects.active.data
+    open_lamps(mesh)
+    mesh.uv_layers.active_index = mesh.uv_layers.find("light map")
     return image
+
+
+def open_lamps(mesh):
+    """Deletes the backs of lamps: they lie on the lamps, and rays that Cycles sends there would end on them."""
+    glows = {i for i, material in enumerate(mesh.materials) if material.get("glows")}
+    faces = bmesh.new()
+    faces.from_mesh(mesh)
+    centre = lambda face: tuple(round(x, 4) for x in face.calc_center_median())
+    lamps = {centre(face) for face in faces.faces if face.material_index in glows}
+    backs = [face for face in faces.faces if face.material_index not in glows and centre(face) in lamps]
+    bmesh.ops.delete(faces, geom=backs, context="FACES_ONLY")
+    faces.to_mesh(mesh)
+    faces.free()
 
 
 def baked(image, samples, seed):
