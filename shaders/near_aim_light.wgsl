@@ -1,4 +1,4 @@
-// Adds what rays towards near emitters found to the direct light of their points. See pass/near_aim.rs.
+// Adds the light that rays towards near emitters found to the direct light of their points. See pass/near_aim.rs.
 // HITS: these are hits of near rays.
 #include "frame.wgsl"
 #include "work.wgsl"

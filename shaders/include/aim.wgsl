@@ -3,7 +3,7 @@
 const AIM_EMITTERS: u32 = 8u;       // at most; scenes with more have none of these rays
 const AIM_HEIGHT: f32 = 1e-4;       // over the plane of a parallelogram, at least, in lengths of its longer edge
 
-// What a point can reach of an emitter, relative to the point.
+// The part of an emitter that a point can reach, in coordinates relative to the point.
 struct Aim {
     kind: u32,
     weight: f32,        // chance to be chosen, in any unit; 0: nothing can be reached
@@ -49,7 +49,7 @@ fn aim_at(index: u32, point: vec3<f32>, n: vec3<f32>, reach: f32) -> Aim {
     let rise = vec3<f32>(dot(to, n), dot(e.e1.xyz, n), dot(e.e2.xyz, n));
     let top = rise.x + max(rise.y, 0.0) + max(rise.z, 0.0);
     let faces = height < 0.0 || (flags & 1u) != 0u;
-    // How far it is to the edge of what is within reach.
+    // Radius of the disc of the plane that is within reach, longer where the edges are skewed.
     let radius = sqrt(max(reach * reach - height * height, 0.0)) / max(length(cross(e.e1.xyz / lengths.x, e.e2.xyz / lengths.y)), 1e-6);
     let low = max(-foot * lengths, vec2<f32>(-radius));
     let high = min((1.0 - foot) * lengths, vec2<f32>(radius));
