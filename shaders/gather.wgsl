@@ -4,10 +4,9 @@
 #include "math.wgsl"
 #include "bsdf.wgsl"
 #include "point.wgsl"
-#if NEAR
 #include "near.wgsl"
+#include "gather.wgsl"
 #include "emitters.wgsl"
-#endif
 
 @group(0) @binding(1) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(2) var<storage, read> list: array<u32>;
@@ -25,10 +24,8 @@
 @group(0) @binding(13) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(14) var<storage, read_write> work_out: DispatchCounts;
 #endif
-#if NEAR
 @group(0) @binding(15) var<storage, read> emitters: array<EmitterRecord>;
 #include "aim.wgsl"
-#endif
 var<immediate> push: Push;
 
 @compute @workgroup_size(64)
@@ -66,19 +63,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if NEAR
     let point = near_point(slot);
 #else
-    // The pass's sample point, randomised for each slot: Halton points by rotation, Sobol' points by XOR. A pseudo-random
-    // number chooses the lobe.
-    let keys = vec2<u32>(key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce), key(frame.keys.y, STREAM_GATHER, sample, 2u * step.bounce + 1u));
-    let bases = bitcast<vec2<u32>>(frame.shifts[step.bounce].zw);
-    let halton = vec2<f32>(
-        rotate(radical_inverse(bases.x, frame.size.w), random(keys.x)),
-        rotate(radical_inverse(bases.y, frame.size.w), random(keys.y)),
-    );
-    let sobol = unit(frame.sobol[step.bounce].zw ^ vec2<u32>(hash(keys.x), hash(keys.y)));
-    let point = select(halton, sobol, (frame.keys.z & 2u) != 0u);
+    let point = gather_point(slot, step.bounce, STREAM_GATHER);
 #endif
     let u = point.x;
     let v = point.y;
+    // A pseudo-random number chooses the lobe.
     let lobe = random(key(frame.keys.x, STREAM_GATHER_LOBE, sample, step.bounce));
 
     let r = Reflectance(kd.xyz, geometric.w, f0.xyz, shading.w);
@@ -95,22 +84,23 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if NEAR
     weight *= near_ray_weight(slot, wo_flags.w);
 #endif
-    // Russian roulette from the second ray on.
-    let survival = select(min(max(weight.x, max(weight.y, weight.z)), 1.0), 1.0, first);
+    let survival = gather_survival(weight, step.bounce);
     let dies = random(key(frame.keys.x, STREAM_GATHER_ROULETTE, sample, step.bounce)) >= survival;
     weight = select(weight / max(survival, 1e-6), vec3<f32>(0.0), dies);
     beta[slot] = vec4<f32>(before.xyz * weight, select(before.w, select(1.0, 0.0, diffuse), first));
     let reach = select(0.0, frame.up.w, above && !dies && (mean3(kd.xyz) > 0.0 || !diffuse));
     let position = point_position[slot].xyz;
     ray_origin[slot] = vec4<f32>(position, reach);
-    var of_emitters = 0.0;
-#if NEAR
     // Of the light of an emitter the share that rays aimed at it leave to this one.
-    of_emitters = 1.0;
+    var of_emitters = 1.0;
     if diffuse && reach > 0.0 {
         let by_aim = aimed_density(position, shading.xyz, reach, s.wi);
-        of_emitters = near_weights(slot, kd.w, wo_flags.w, dot(s.wi, shading.xyz), by_aim).along_lobe;
-    }
+        let cosine = dot(s.wi, shading.xyz);
+#if NEAR
+        of_emitters = near_weights(slot, kd.w, wo_flags.w, cosine, by_aim).along_lobe;
+#else
+        of_emitters = gather_weights(kd.w, survival, cosine, by_aim).along_lobe;
 #endif
+    }
     ray_direction[slot] = vec4<f32>(s.wi, of_emitters);
 }

@@ -28,12 +28,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         work_out.total = count;
     }
     let slot = list_in[index];
-    let met = gathered_by(ray_direction[slot].xyz, hits[slot]);
+    let ray = ray_direction[slot];
+    let met = gathered_by(ray.xyz, hits[slot]);
     // The share of light that clipping removed.
     let share = max(1.0 - met.t * met.t / max(frame.right.w, 1e-37), 0.0);
     let weight = select(0.0, share, met.found);
     let before = beta[slot];
-    emitted[slot] = vec4<f32>(before.xyz * met.surface.emission * weight, 0.0);
+    emitted[slot] = vec4<f32>(before.xyz * met.surface.emission * weight * ray.w, 0.0);
     beta[slot] = vec4<f32>(before.xyz * weight, before.w);
     // The last points only emit: light that they reflect would exceed the greatest path length.
     let sends = reflects(met);

@@ -1,5 +1,5 @@
 // Writes a ray towards a near emitter for each shading point that has one. See pass/near_aim.rs.
-// HITS: of the hits of near rays that are lit.
+// HITS: of the hits of near rays that are lit. GATHER: of those from which gather rays leave; GAPS: listed in screen order.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -16,7 +16,11 @@
 #if HITS
 @group(0) @binding(13) var<storage, read> point_f0: array<vec4<f32>>;
 #else
+#if GATHER
+@group(0) @binding(14) var<storage, read> steps: array<Step>;
+#else
 @group(0) @binding(7) var<storage, read> point_wo: array<vec4<f32>>;
+#endif
 #endif
 @group(0) @binding(8) var<storage, read> emitters: array<EmitterRecord>;
 @group(0) @binding(9) var<storage, read_write> ray_origin: array<vec4<f32>>;
@@ -25,20 +29,15 @@
 @group(0) @binding(11) var<storage, read_write> list_out: array<u32>;
 @group(0) @binding(12) var<storage, read_write> work_out: DispatchCounts;
 #include "aim.wgsl"
+#if GATHER
+#include "gather.wgsl"
+var<immediate> push: Push;
+#endif
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let place = (group.x + group.y * groups.x) * 64u + lane;
-#if HITS
-    if place >= atomicLoad(&work.live) || aim_emitters() == 0u {
-        return;
-    }
-    let slot = list[place];
-    let reach = NEAR_CLOSER * frame.up.w;
-    let point = near_hit_point(slot);
-    let kd = point_kd[slot];
-    let has_light = is_matte(kd.xyz, point_f0[slot].xyz) && frame.scene.z > 3u;
-#else
+#if GAPS
     // A list in screen order has gaps.
     if place >= max(atomicLoad(&work.live), work.total) || aim_emitters() == 0u {
         return;
@@ -47,10 +46,26 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if slot == NO_POINT {
         return;
     }
-    let reach = frame.up.w;
-    let point = near_aim_point(slot);
+#else
+    if place >= atomicLoad(&work.live) || aim_emitters() == 0u {
+        return;
+    }
+    let slot = list[place];
+#endif
     let kd = point_kd[slot];
+#if HITS
+    let reach = NEAR_CLOSER * frame.up.w;
+    let point = near_hit_point(slot);
+    let has_light = is_matte(kd.xyz, point_f0[slot].xyz) && frame.scene.z > 3u;
+#else
+    let reach = frame.up.w;
     let has_light = mean3(kd.xyz) > 0.0;
+#if GATHER
+    let step = steps[push.step];
+    let point = gather_point(slot, step.bounce, STREAM_AIM);
+#else
+    let point = near_aim_point(slot);
+#endif
 #endif
     let position = point_position[slot].xyz;
     let normal = point_shading[slot].xyz;
@@ -76,10 +91,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let wi = aim_direction(chosen, min(along, ONE_MINUS_EPSILON), point.y);
     let cosine = dot(wi, normal);
     let above = cosine > 0.0 && dot(wi, point_geometric[slot].xyz) > 0.0;
+    let by_aim = aimed_density(position, normal, reach, wi);
 #if HITS
-    let weights = onward_weights(cosine, aimed_density(position, normal, reach, wi));
+    let weights = onward_weights(cosine, by_aim);
 #else
-    let weights = near_weights(slot, kd.w, point_wo[slot].w, cosine, aimed_density(position, normal, reach, wi));
+#if GATHER
+    let survival = gather_survival(kd.xyz / max(kd.w, 1e-6), step.bounce);
+    let weights = gather_weights(kd.w, survival, cosine, by_aim);
+#else
+    let weights = near_weights(slot, kd.w, point_wo[slot].w, cosine, by_aim);
+#endif
 #endif
     if !above || weights.aimed <= 0.0 {
         return;

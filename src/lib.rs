@@ -72,10 +72,11 @@
 //!    [`photon_width`](pass::photon_width) sets the widths of these, and
 //!    [`photon_light`](pass::photon_light) adds their light. [`mirror_lights`](pass::mirror_lights) adds the light of virtual
 //!    lights after one planar mirror.
-//! 6. [`Compensation`](stage::Compensation), bounce by bounce: [`gather`](pass::gather), [`trace`](pass::trace) and
-//!    [`gathered_points`](pass::gathered_points) follow one short ray from each point for the light that clipping cut off, [`shade`](pass::shade)
+//! 6. [`Compensation`](stage::Compensation), bounce by bounce, for the light that clipping cut off: [`near_aim`](pass::near_aim) sends rays
+//!    towards near emitters, [`gather`](pass::gather), [`trace`](pass::trace) and
+//!    [`gathered_points`](pass::gathered_points) follow one short ray from each point, [`shade`](pass::shade)
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
-//!    [`NearLight`](stage::NearLight), once: [`near_aim`](pass::near_aim) sends rays towards near emitters,
+//!    [`NearLight`](stage::NearLight), once: `near_aim` again,
 //!    [`near_points`](pass::near_points) finds the pixels that show the hits of others, and
 //!    [`near_collect`](pass::near_collect) takes their irradiance.
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface, [`sparse_windows`](pass::sparse_windows)

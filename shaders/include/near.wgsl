@@ -76,9 +76,14 @@ fn shared_by(along_lobe: f32, aimed: f32, chance: f32) -> NearWeights {
     return NearWeights(along_lobe / max(sum, 1e-37), select(0.0, chance / max(sum, 1e-37), aimed > 0.0));
 }
 
-// Of near rays of a slot whose diffuse lobe has the probability `diffuse`; `by_aim`: density of the aimed rays.
+// Of rays along a diffuse lobe of the probability `diffuse`, of which the part `sent` is sent; `by_aim`: density of the aimed rays.
+fn gather_weights(diffuse: f32, sent: f32, cosine: f32, by_aim: f32) -> NearWeights {
+    return shared_by(diffuse * sent * max(cosine, 0.0) * INV_PI, by_aim, 1.0);
+}
+
+// Of near rays of a slot.
 fn near_weights(slot: u32, diffuse: f32, flags: f32, cosine: f32, by_aim: f32) -> NearWeights {
-    return shared_by(diffuse * max(cosine, 0.0) * INV_PI / near_ray_weight(slot, flags), by_aim, 1.0);
+    return gather_weights(diffuse, 1.0 / near_ray_weight(slot, flags), cosine, by_aim);
 }
 
 // Of near rays that go on from their hits; from the others one is aimed.

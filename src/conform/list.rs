@@ -63,7 +63,7 @@ macro_rules! each_check {
                 particles_start_by_the_distribution_of_importance("importance importance_scan walk_start", Nothing, "", "2e-4");
             }
             light {
-                shade_gather_and_collect_follow_their_oracles("shade shade_cluster gather gathered_points collect trace", Nothing, "indirect dispatch", "1e-4, lobes 2e-3; 1 of 1000 points may differ");
+                shade_gather_and_collect_follow_their_oracles("shade shade_cluster gather near_aim near_aim_light gathered_points collect trace", Nothing, "indirect dispatch", "1e-4, lobes 2e-3; 1 of 1000 points may differ");
                 surfaces_that_let_light_pass_follow_their_oracles("shade shade_cluster gather gathered_points collect trace", Nothing, "indirect dispatch", "1e-4, lobes 2e-3; 1 of 1000 points may differ");
                 shade_of_each_kind_of_light("shade shade_cluster", Nothing, "indirect dispatch", "1e-4, lobes 2e-3; 1 of 1000 points may differ");
                 schedule_turns_counts_into_dispatches("schedule", Nothing, "", "exact");

@@ -13,7 +13,8 @@
 //! to the irradiance, and what near rays find on emitters is multiplied by n cos / pi / (n cos / pi + p). There is no bias, whatever either ray meets.
 //!
 //! Hits of near rays that no pixel shows do the same as far as lights are clipped there, half the clip distance: those that are lit aim, and the rays
-//! of the others that go on ([`near_points`]) take the place of near rays.
+//! of the others that go on ([`near_points`]) take the place of near rays. Where clipped light is gathered exactly, each point that a gather
+//! ray ([`gather`]) leaves aims one, too; there n is the probability of the lobe times that of the ray's survival.
 //!
 //! An emitter is chosen by its mean radiance times A / (d^2 + A), with d the distance of its nearest point and A its area. Of a parallelogram
 //! the part around the foot of the perpendicular is aimed at, by the two angles that a point has along the edges as seen from the height over
@@ -30,10 +31,10 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use super::layout::FrameParameters;
 use super::schedule::LIST_GROUPS;
-use super::{BoundKernel, Kit, List, Rays, ShadingPoints, gather, near_points};
+use super::{BoundKernel, Kit, List, Rays, ShadingPoints, gather, near_points, push};
 use crate::bsdf::{basis, mean};
 use crate::error::Result;
-use crate::gpu::{Buffer, Recorder, Resources, Shader, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::light::emitters::{Emitter, Kind};
 use crate::sampling::ONE_MINUS_EPSILON;
 use crate::sampling::dimensions::AIM;
@@ -49,55 +50,66 @@ pub struct NearAim {
     rays: BoundKernel,
     light: BoundKernel,
     works: [Buffer; 2],
+    push: Vec<u8>,
+}
+
+/// Points that aim rays.
+#[derive(Clone, Copy)]
+pub enum Source<'a> {
+    /// Those of pixels, listed with gaps, with near rays.
+    Pixels,
+    /// Hits of near rays.
+    Hits,
+    /// Those from which gather rays leave.
+    Gathering {
+        /// The list has gaps.
+        gaps: bool,
+        /// The table of steps.
+        steps: &'a Resources,
+        /// The step of the gather rays.
+        step: u32,
+    },
 }
 
 impl NearAim {
     /// From the points in `list`; `aimed` receives those that have a ray, `direct` their light.
     pub fn new(
         kit: &Kit,
-        points: &ShadingPoints,
+        points: (Source, &ShadingPoints),
         (list, aimed): (&List, &List),
         rays: &Rays,
         direct: &Buffer,
     ) -> Result<Self> {
-        let shader = &shaders::NEAR_AIM;
-        let light = [&shaders::NEAR_AIM_LIGHT, &shaders::NEAR_AIM_LIGHT_UNTEXTURED];
-        Self::of(kit, points, (list, aimed), rays, direct, (shader, light))
-    }
-
-    /// The same from hits of near rays.
-    pub fn of_hits(
-        kit: &Kit,
-        points: &ShadingPoints,
-        (list, aimed): (&List, &List),
-        rays: &Rays,
-        direct: &Buffer,
-    ) -> Result<Self> {
-        let shader = &shaders::NEAR_AIM_HITS;
-        let light = [&shaders::NEAR_AIM_LIGHT_HITS, &shaders::NEAR_AIM_LIGHT_HITS_UNTEXTURED];
-        Self::of(kit, points, (list, aimed), rays, direct, (shader, light))
-    }
-
-    fn of(
-        kit: &Kit,
-        points: &ShadingPoints,
-        (list, aimed): (&List, &List),
-        rays: &Rays,
-        direct: &Buffer,
-        (shader, light): (&'static Shader, [&'static Shader; 2]),
-    ) -> Result<Self> {
-        let sets = [&points.resources(), &list.resources(), &aimed.as_output(), &rays.resources()];
+        let (from, points) = points;
+        let lights = [&shaders::NEAR_AIM_LIGHT, &shaders::NEAR_AIM_LIGHT_UNTEXTURED];
+        let (shader, lights, steps, push) = match from {
+            Source::Pixels => (&shaders::NEAR_AIM, lights, None, Vec::new()),
+            Source::Hits => {
+                let lights = [&shaders::NEAR_AIM_LIGHT_HITS, &shaders::NEAR_AIM_LIGHT_HITS_UNTEXTURED];
+                (&shaders::NEAR_AIM_HITS, lights, None, Vec::new())
+            }
+            Source::Gathering { gaps: true, steps, step } => {
+                (&shaders::NEAR_AIM_GATHER_GAPS, lights, Some(steps), push(step).to_vec())
+            }
+            Source::Gathering { gaps: false, steps, step } => {
+                (&shaders::NEAR_AIM_GATHER, lights, Some(steps), push(step).to_vec())
+            }
+        };
+        let none = Resources::of([]);
+        let steps = steps.unwrap_or(&none);
+        let sets = [&points.resources(), &list.resources(), &aimed.as_output(), &rays.resources(), steps];
         let own = Resources::of([("direct", direct)]);
         Ok(NearAim {
             rays: kit.bind(shader, &sets)?,
-            light: kit.bind_surface(light, &[&aimed.resources(), &rays.resources(), &own])?,
+            light: kit.bind_surface(lights, &[&aimed.resources(), &rays.resources(), &own])?,
             works: [list.work.clone(), aimed.work.clone()],
+            push,
         })
     }
 
     /// Records the part that writes the rays.
     pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
-        self.rays.run_listed(rec, &[], &self.works[0], LIST_GROUPS)
+        self.rays.run_listed(rec, &self.push, &self.works[0], LIST_GROUPS)
     }
 
     /// Records the part that adds what the traced rays found.
@@ -228,7 +240,12 @@ pub fn shared_by(along_lobe: f32, aimed: f32, chance: f32) -> (f32, f32) {
     (along_lobe / sum, if aimed > 0.0 { chance / sum } else { 0.0 })
 }
 
-/// Oracle: [`shared_by`] of the near rays of a slot with these flags, whose diffuse lobe has the probability `diffuse`.
+/// Oracle: [`shared_by`] of rays along a diffuse lobe of the probability `diffuse`, of which the part `sent` is sent.
+pub fn gather_weights(diffuse: f32, sent: f32, cosine: f32, aimed: f32) -> (f32, f32) {
+    shared_by(diffuse * sent * cosine.max(0.0) * FRAC_1_PI, aimed, 1.0)
+}
+
+/// Oracle: [`gather_weights`] of the near rays of a slot with these flags, whose diffuse lobe has the probability `diffuse`.
 pub fn near_weights(
     frame: &FrameParameters,
     (slot, flags): (u32, u32),
@@ -236,8 +253,7 @@ pub fn near_weights(
     cosine: f32,
     aimed: f32,
 ) -> (f32, f32) {
-    let weight = near_points::ray_weight(frame, slot, flags);
-    shared_by(diffuse * cosine.max(0.0) * FRAC_1_PI / weight, aimed, 1.0)
+    gather_weights(diffuse, 1.0 / near_points::ray_weight(frame, slot, flags), cosine, aimed)
 }
 
 /// Oracle: [`shared_by`] of near rays that go on.

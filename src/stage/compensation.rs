@@ -1,4 +1,5 @@
-//! Near light that clipping cut off: short rays from the shading points, whose hits are lit in turn (see [`crate::pass::gather`]).
+//! Near light that clipping cut off: short rays from the shading points, whose hits are lit in turn (see [`crate::pass::gather`]), and
+//! rays towards near emitters (see [`crate::pass::near_aim`]).
 
 use super::points::{ListFinish, ListFinishSteps, chunks};
 use super::{Counts, Eye, Shade, Stage};
@@ -10,6 +11,7 @@ use crate::pass::gather::Gather;
 use crate::pass::gathered_points::{self, GatheredPoints};
 use crate::pass::layout::Step;
 use crate::pass::light_lists::LightLists;
+use crate::pass::near_aim::{NearAim, Source};
 use crate::pass::schedule::Schedule;
 use crate::pass::shade::{self, Chunk};
 use crate::pass::trace::Trace;
@@ -28,6 +30,7 @@ pub struct Compensation {
     pub bounces: Vec<Bounce>,
     counts: Counts,
     list_rounds: Vec<u32>,
+    list_step: u32,
     /// Lights of the classes of pixels, where clusters of the screen have others.
     lists: Option<LightLists>,
 }
@@ -36,9 +39,12 @@ pub struct Compensation {
 pub struct Bounce {
     /// The points that the rays hit.
     pub list: List,
+    /// Points before with a ray towards a near emitter.
+    pub aimed: List,
+    aim: (NearAim, Trace, Schedule),
     gather: (Gather, u32),
     /// Finishes the list of the points that have a ray, if it is another than that of the points.
-    started: Option<(Schedule, u32)>,
+    started: Option<Schedule>,
     trace: Trace,
     points: GatheredPoints,
     finish: ListFinish,
@@ -64,7 +70,7 @@ impl Compensation {
         let beta = kit.vec4s("beta", slots)?;
         let mut table = StepTable::default();
         let list_rounds = table.add_list_rounds(plan);
-        let started_step = table.add_list();
+        let list_step = table.add_list();
         let bounces: Vec<BounceSteps> =
             (1..plan.bounces()).map(|bounce| BounceSteps::new(&mut table, kit, scene, plan, eye, bounce)).collect();
         let steps = table.stage(kit, "compensation steps")?;
@@ -79,17 +85,25 @@ impl Compensation {
             Some(_) => Some(List::new(kit, "gather rays", &kit.array("gather rays list", slots, 4)?)?),
             None => None,
         };
-        let mut before = (eye.list.clone(), &eye.points);
+        let aimed_entries = kit.array("list of near emitters", slots, 4)?;
+        let mut before = (eye.list.clone(), &eye.points, &shade.lighting);
         let mut made = Vec::new();
         for (bounce, numbers) in (1..).zip(bounces) {
             let list = eye.turns.list(kit, "gathered points", bounce)?;
-            let (list_in, from) = &before;
+            let (list_in, from, of_points) = &before;
             // The list of the screen has gaps.
             let started = started.as_ref().filter(|_| bounce == 1);
             let gather = match started {
                 Some(started) => Gather::with_gaps(kit, from, (list_in, started), &eye.rays, &beta, &steps)?,
                 None => Gather::new(kit, from, list_in, &eye.rays, &beta, &steps)?,
             };
+            let aimed = List::new(kit, "near emitters", &aimed_entries)?;
+            let points_in = Source::Gathering { gaps: started.is_some(), steps: &steps, step: numbers.gather };
+            let aim = (
+                NearAim::new(kit, (points_in, from), (list_in, &aimed), &eye.rays, &of_points.direct)?,
+                Trace::new(kit, &eye.rays, &aimed, &steps)?,
+                Schedule::new(kit, &aimed.work, &steps)?,
+            );
             let list_in = started.unwrap_or(list_in);
             let lit = !numbers.chunks.is_empty();
             let shade_inputs = shade::Inputs {
@@ -113,7 +127,7 @@ impl Compensation {
             made.push(Bounce {
                 gather: (gather, numbers.gather),
                 started: match started {
-                    Some(started) => Some((Schedule::new(kit, &started.work, &steps)?, started_step)),
+                    Some(started) => Some(Schedule::new(kit, &started.work, &steps)?),
                     None => None,
                 },
                 trace: Trace::new(kit, &eye.rays, list_in, &steps)?,
@@ -128,11 +142,23 @@ impl Compensation {
                     numbers.collect,
                 ),
                 list: list.clone(),
+                aimed,
+                aim,
             });
-            before = (list, &points);
+            before = (list, &points, &lighting);
         }
-        let counts = Counts::new(kit, settings.classes(), made.iter().map(|bounce| &bounce.list).chain(&started))?;
-        Ok(Some(Compensation { points, beta, lighting, bounces: made, counts, list_rounds, lists: of_classes }))
+        let lists = made.iter().flat_map(|bounce| [&bounce.list, &bounce.aimed]).chain(&started);
+        let counts = Counts::new(kit, settings.classes(), lists)?;
+        Ok(Some(Compensation {
+            points,
+            beta,
+            lighting,
+            bounces: made,
+            counts,
+            list_rounds,
+            list_step,
+            lists: of_classes,
+        }))
     }
 
     /// Clears the counts.
@@ -140,11 +166,24 @@ impl Compensation {
         self.counts.record_clear(rec)
     }
 
+    /// Traces rays towards near emitters from the points before this bounce.
+    pub fn record_aimed_rays(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        let (aim, trace, schedule) = &self.bounces[bounce - 1].aim;
+        aim.record_rays(rec)?;
+        schedule.record(rec, self.list_step)?;
+        trace.record(rec, &self.list_rounds, None)
+    }
+
+    /// Adds what they found to the light of their points.
+    pub fn record_aimed_light(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
+        self.bounces[bounce - 1].aim.0.record_light(rec)
+    }
+
     /// Short rays from the points before find those of this bounce; bounces from 1.
     pub fn record_gather(&self, rec: &mut Recorder, bounce: usize) -> Result<()> {
         let bounce = &self.bounces[bounce - 1];
         bounce.gather.0.record(rec, bounce.gather.1)?;
-        bounce.started.as_ref().map_or(Ok(()), |(schedule, step)| schedule.record(rec, *step))?;
+        bounce.started.as_ref().map_or(Ok(()), |schedule| schedule.record(rec, self.list_step))?;
         bounce.trace.record(rec, &self.list_rounds, None)?;
         bounce.points.record(rec)?;
         bounce.finish.record(rec)
@@ -191,9 +230,17 @@ impl Stage for Compensation {
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.record_clear(rec)?;
         self.lists.as_ref().map_or(Ok(()), |lists| lists.run(rec))?;
+        let aim = |rec: &mut Recorder, bounce: usize| {
+            self.record_aimed_rays(rec, bounce)?;
+            self.record_aimed_light(rec, bounce)
+        };
+        rec.scope("aim", |rec| aim(rec, 1))?;
         (1..=self.bounces.len()).try_for_each(|bounce| {
             rec.scope("gather", |rec| self.record_gather(rec, bounce))?;
             rec.scope("shade", |rec| self.record_shade(rec, bounce))?;
+            if bounce < self.bounces.len() {
+                rec.scope("aim", |rec| aim(rec, bounce + 1))?;
+            }
             rec.scope("collect", |rec| self.record_collect(rec, bounce))
         })
     }

@@ -9,7 +9,7 @@ use crate::gpu::{Buffer, Recorder};
 use crate::pass::gather::Gather;
 use crate::pass::layout::Step;
 use crate::pass::light_lists::LightLists;
-use crate::pass::near_aim::NearAim;
+use crate::pass::near_aim::{NearAim, Source};
 use crate::pass::near_collect::{self, NearCollect};
 use crate::pass::near_points::{self, NearPoints};
 use crate::pass::schedule::Schedule;
@@ -121,12 +121,18 @@ impl NearLight {
             counts: Counts::new(kit, 1, [&list, &started, &onward, &aimed[0], &aimed[1]])?,
             aim: [
                 (
-                    NearAim::new(kit, &eye.points, (&eye.list, &aimed[0]), &eye.rays, &shade.lighting.direct)?,
+                    NearAim::new(
+                        kit,
+                        (Source::Pixels, &eye.points),
+                        (&eye.list, &aimed[0]),
+                        &eye.rays,
+                        &shade.lighting.direct,
+                    )?,
                     Trace::new(kit, &eye.rays, &aimed[0], &steps)?,
                     Schedule::new(kit, &aimed[0].work, &steps)?,
                 ),
                 (
-                    NearAim::of_hits(kit, &points, (&list, &aimed[1]), &eye.rays, &hit_lighting.direct)?,
+                    NearAim::new(kit, (Source::Hits, &points), (&list, &aimed[1]), &eye.rays, &hit_lighting.direct)?,
                     Trace::new(kit, &eye.rays, &aimed[1], &steps)?,
                     Schedule::new(kit, &aimed[1].work, &steps)?,
                 ),

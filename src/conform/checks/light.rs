@@ -9,14 +9,16 @@ use crate::pass::layout::{DispatchCounts, PointLight, Step};
 use crate::pass::schedule::{self, Schedule};
 use crate::pass::shade::{self, ShadingPoint};
 use crate::pass::surface::surface_at;
-use crate::pass::{Lighting, ShadingPoints, gather};
+use crate::pass::{Lighting, ShadingPoints, gather, near_aim};
+use crate::sampling::dimensions::AIM;
 use crate::settings::{Clip, Sequence, Settings, Traversal};
 use crate::stage::Stage;
 use glam::{Vec3, Vec4};
 
+use super::aim::{Aimed, parts_of};
 use crate::conform::rig::{
-    Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_tables, has, hit_of, is_lit, make, ray_of, sine_error,
-    untouched, xyz,
+    Rig, STRAYS, Tally, close, gallery_with_alpha, gallery_with_few_emitters, gallery_with_tables, has, hit_of, is_lit,
+    make, ray_of, sine_error, untouched, xyz,
 };
 
 /// Tolerance for a direction of the diffuse lobe: Vulkan permits sines and cosines an error of 2^-11.
@@ -64,14 +66,46 @@ fn alike(a: [Vec3; 3], b: [Vec3; 3], indirect: f32) -> bool {
     [DIFFUSE, indirect, LOBE].into_iter().enumerate().all(|(k, relative)| close(a[k], b[k], relative, 1e-9))
 }
 
-/// Results of the stages of a bounce: points gathered, lit ones among them, those by specular lobes, and pixels with
-/// light of each of the three kinds.
+/// Results of the stages of a bounce: points gathered, lit ones among them, those by specular lobes, pixels with
+/// light of each of the three kinds, and rays aimed at emitters.
 #[derive(Debug, Default)]
 struct Seen {
     gathered: usize,
     lit: usize,
     specular: usize,
     sums: [usize; 3],
+    aimed: usize,
+}
+
+/// Compares rays towards near emitters from the points before a bounce.
+fn check_aim(rig: &Rig, bounce: usize) -> usize {
+    let (p, frame, compensation) = (&rig.parameters, rig.frame(), rig.compensation());
+    let (points, lighting) = match bounce {
+        1 => (&frame.eye.points, &frame.shade.lighting),
+        _ => (&compensation.points, &compensation.lighting),
+    };
+    rig.run(|_, rec| {
+        if bounce == 1 {
+            compensation.record_clear(rec)?;
+        }
+        compensation.record_aimed_rays(rec, bounce)
+    });
+    let before = bounce as u32 - 1;
+    let aimed = Aimed {
+        what: format!("rays aimed at emitters, {}x{}, bounce {bounce}", p.size[0], p.size[1]),
+        reach: p.up[3],
+        list: &compensation.bounces[bounce - 1].aimed,
+        lighting,
+        point: &|slot| gather::point(p, slot, before, AIM),
+        weight: &|_, point, cosine, by_aim| {
+            let diffuse = point.gathering().diffuse_probability();
+            let survival = gather::survival(point.reflectance.kd / diffuse.max(1e-6), before);
+            near_aim::gather_weights(diffuse, survival, cosine, by_aim).1
+        },
+        record_light: &|rec| compensation.record_aimed_light(rec, bounce),
+    };
+    let from = receivers(rig, points);
+    aimed.check(rig, &rig.list(before as usize), &from, |i| from[i].reflectance.kd != Vec3::ZERO)
 }
 
 /// Compares one short ray for each shading point of the previous bounce, and its hit.
@@ -86,12 +120,7 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
     }
     let old = rig.vec4s(throughput);
     rig.prefill(&[&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits]);
-    rig.run(|_, rec| {
-        if bounce == 1 {
-            rig.compensation().record_clear(rec)?;
-        }
-        rig.compensation().record_gather(rec, bounce)
-    });
+    rig.run(|_, rec| rig.compensation().record_gather(rec, bounce));
     let r = &rig.compensation().points;
     let rays = [&frame.eye.rays.origin, &frame.eye.rays.direction, &frame.eye.rays.hits].map(|b| rig.vec4s(b));
     let [origin, direction, hits] = &rays;
@@ -130,12 +159,24 @@ fn check_gather(rig: &Rig, bounce: usize, sine: f32, seen: &mut Seen) {
         let lobe = if bounce == 1 { f32::from(specular) } else { old[i].w };
         tally.check(beta[i].w == lobe, || format!("pixel {i}: lobe {}", beta[i].w));
         let surface = hit.map(|hit| surface_at(rig.scene, rig.bvh(), &hit, ray.direction, p.cones[2] * hit.t));
-        let light = surface.map_or(Vec3::ZERO, |s| s.emission);
+        // Rays aimed at emitters bring the rest.
+        let by_aim = || near_aim::density(&parts_of(rig, &before[i], clip), ray.direction);
+        let of_emitters = match specular || ray.t_max == 0.0 {
+            true => 1.0,
+            false => {
+                let diffuse = before[i].gathering().diffuse_probability();
+                let survival = gather::survival(before[i].reflectance.kd / diffuse.max(1e-6), bounce as u32 - 1);
+                near_aim::gather_weights(diffuse, survival, ray.direction.dot(before[i].shading), by_aim()).0
+            }
+        };
+        let light = surface.map_or(Vec3::ZERO, |s| of_emitters * s.emission);
         let e = emitted[i].truncate();
         let values = [(e, weight * light)];
-        met.check_values(close(e, weight * light, tolerance, 1e-6), &values, || {
-            format!("pixel {i}: {e} for {}", weight * light)
-        });
+        met.check_values(
+            close(e, weight * light, tolerance.max(if of_emitters < 1.0 { 5e-3 } else { 0.0 }), 1e-6),
+            &values,
+            || format!("pixel {i}: {e} for {}", weight * light),
+        );
         let last = bounce as u32 + 1 == p.scene[2];
         let reflects = surface.is_some_and(|s| s.reflectance.kd + s.reflectance.f0 != Vec3::ZERO);
         let expected = !last && share > 0.0 && reflects;
@@ -271,6 +312,9 @@ fn check_bounces(rig: &Rig, sine: f32) -> Seen {
             check_gather(rig, bounce, sine, &mut seen);
         }
         check_shade(rig, bounce);
+        if bounce < 3 {
+            seen.aimed += check_aim(rig, bounce + 1);
+        }
         if bounce > 0 {
             check_collect(rig, bounce);
         }
@@ -304,8 +348,28 @@ pub fn shade_gather_and_collect_follow_their_oracles(bench: &Bench) {
         let seen = check_bounces(&bench.rig(&scene, resolution, settings), sine);
         let all = [seen.gathered, seen.lit, seen.specular, seen.sums[0], seen.sums[1], seen.sums[2]];
         compared.iter_mut().zip(all).for_each(|(sum, n)| *sum += n);
+        assert_eq!(seen.aimed, 0, "there are too many emitters");
     }
     bench.covered(compared.iter().all(|&n| n > 50), format_args!("{compared:?}"));
+    // Points near emitters aim at them where there are few.
+    let lamps = gallery_with_few_emitters();
+    let mut seen = Seen::default();
+    for (pattern, sequence) in [([1, 1], Sequence::Halton), ([3, 3], Sequence::Sobol)] {
+        let rig = bench.rig(&lamps, [97, 61], Settings { pattern, sequence, ..of_bounces() });
+        seen.aimed += check_bounces(&rig, sine).aimed;
+    }
+    // Clusters of the screen that choose their lights, so that the list has gaps.
+    let settings = Settings { pattern: [2, 2], particles: 64, light_pool: 100, ..of_bounces() };
+    let rig = bench.rig(&lamps, [97, 61], settings);
+    assert!(rig.frame().eye.clusters.is_some());
+    rig.walk_and_look();
+    rig.run(|frame, rec| {
+        frame.light_lists.run(rec)?;
+        frame.shade.record(rec)
+    });
+    seen.aimed += check_aim(&rig, 1);
+    check_gather(&rig, 1, sine, &mut seen);
+    bench.covered(seen.aimed > 3000 && seen.gathered > 500, format_args!("{seen:?}"));
 }
 
 /// Effect of a single light on the shading points of the gallery.

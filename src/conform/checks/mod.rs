@@ -1,5 +1,6 @@
 //! The checks, a file for each group; [`super::ALL`] lists them.
 
+mod aim;
 pub mod convolve;
 pub mod delta_choice;
 pub mod discontinuity;

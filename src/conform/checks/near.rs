@@ -2,7 +2,7 @@
 
 use crate::accel::{Ray, offset_origin};
 use crate::conform::Bench;
-use crate::pass::near_aim::{self, Part};
+use crate::pass::near_aim;
 use crate::pass::near_collect::{self, Link};
 use crate::pass::near_points::{self, NOT_SHOWN, Seen};
 use crate::pass::shade::ShadingPoint;
@@ -14,6 +14,7 @@ use crate::settings::{Clip, Compensation, Filter, Settings};
 use crate::stage::NearLight;
 use glam::{Vec3, Vec4};
 
+use super::aim::{Aimed, parts_of};
 use super::light::receivers;
 use crate::conform::rig::{
     Rig, STRAYS, Tally, close, gallery_with_few_emitters, gallery_with_tables, hit_of, is_lit, orthographic, ray_of,
@@ -90,59 +91,32 @@ impl End {
 
 type Pixels<'a> = (&'a [ShadingPoint], &'a [Vec4]);
 
-/// The emitters that a point can aim at.
-fn parts_of(rig: &Rig, point: &ShadingPoint, reach: f32) -> Vec<(Part, f32)> {
-    near_aim::parts(&rig.engine.emitters().list, point.position, point.shading, reach)
-}
-
 /// Rays `k` of [`NearLight::aimed`] leave those of the slots that `is_source` names, and add light of the emitters that they meet. Returns how many.
 fn check_aimed(rig: &Rig, k: usize, slots: &[u32], from: &[ShadingPoint], is_source: impl Fn(usize) -> bool) -> usize {
-    let (p, near, eye) = (&rig.parameters, stage(rig), &rig.frame().eye);
-    let reach = [1.0, near_points::CLOSER][k] * p.up[3];
-    let aimed = rig.sorted(&near.aimed[k]);
-    let [origin, direction, hits] = [&eye.rays.origin, &eye.rays.direction, &eye.rays.hits].map(|b| rig.vec4s(b));
-    let lighting = [&rig.frame().shade.lighting, &near.hit_lighting][k];
-    let flags = rig.vec4s(&eye.points.wo);
-    let old = rig.vec4s(&lighting.direct);
-    rig.run(|_, rec| near.record_aimed_light(rec, k));
-    let new = rig.vec4s(&lighting.direct);
-    let mut rays = Tally::new(format!("rays aimed at emitters, {k}, {}x{}", p.size[0], p.size[1]));
-    let mut light = Tally::new(format!("their light, {k}, {}x{}", p.size[0], p.size[1]));
-    for &slot in slots {
-        let i = slot as usize;
-        let point = &from[i];
-        let parts = parts_of(rig, point, reach);
-        let at =
-            if k == 0 { near_aim::point(p, slot, sort::class_of(p, slot)) } else { near_aim::point_at_hit(p, slot) };
-        let expected = near_aim::direction(&parts, at).filter(|_| is_source(i)).and_then(|wi| {
-            let (cosine, by_aim) = (wi.dot(point.shading), near_aim::density(&parts, wi));
+    let (p, near) = (&rig.parameters, stage(rig));
+    let flags = rig.vec4s(&rig.frame().eye.points.wo);
+    let aimed = Aimed {
+        what: format!("rays aimed at emitters, {k}, {}x{}", p.size[0], p.size[1]),
+        reach: [1.0, near_points::CLOSER][k] * p.up[3],
+        list: &near.aimed[k],
+        lighting: [&rig.frame().shade.lighting, &near.hit_lighting][k],
+        point: &|slot| match k {
+            0 => near_aim::point(p, slot, sort::class_of(p, slot)),
+            _ => near_aim::point_at_hit(p, slot),
+        },
+        weight: &|slot, point, cosine, by_aim| {
             let diffuse = point.gathering().diffuse_probability();
-            let (_, weight) = match k {
-                0 => near_aim::near_weights(p, (slot, ShadingPoints::flags(flags[i].w)), diffuse, cosine, by_aim),
-                _ => near_aim::onward_weights(cosine, by_aim),
-            };
-            (cosine > 0.0 && wi.dot(point.geometric) > 0.0 && by_aim > 0.0).then_some((wi, cosine * weight))
-        });
-        let is_aimed = aimed.binary_search(&slot).is_ok();
-        let ray = ray_of(origin[i], direction[i]);
-        let same = is_aimed == expected.is_some()
-            && expected.is_none_or(|(wi, weight)| {
-                let start = ray.origin == point.position && ray.t_max == reach;
-                start && close(ray.direction, wi, 0.0, 1e-3) && (direction[i].w - weight).abs() <= 5e-3 * weight
-            });
-        rays.check(same, || format!("slot {i}: {:?} for {expected:?}", is_aimed.then_some((ray, direction[i].w))));
-        let hit = hit_of(hits[i]).filter(|_| is_aimed);
-        let found = hit.map_or(Vec3::ZERO, |hit| {
-            let emission = surface_at(rig.scene, rig.bvh(), &hit, ray.direction, p.cones[2] * hit.t).emission;
-            direction[i].w * (1.0 - (hit.t / reach).powi(2)).max(0.0) * emission
-        });
-        let added = (new[i] - old[i]).truncate();
-        let sum = old[i].truncate() + found;
-        light.check(close(new[i].truncate(), sum, 1e-4, 1e-6), || format!("slot {i}: {added} for {found}"));
-    }
-    rays.finish(STRAYS);
-    light.finish(STRAYS);
-    aimed.len()
+            match k {
+                0 => {
+                    let flags = ShadingPoints::flags(flags[slot as usize].w);
+                    near_aim::near_weights(p, (slot, flags), diffuse, cosine, by_aim).1
+                }
+                _ => near_aim::onward_weights(cosine, by_aim).1,
+            }
+        },
+        record_light: &|rec| near.record_aimed_light(rec, k),
+    };
+    aimed.check(rig, slots, from, is_source)
 }
 
 /// Rays leave the right pixels, their hits find the pixels that show them, and some rays go on from other hits.
