@@ -1,4 +1,4 @@
-//! Table 5.1 and figure 5.20 of Bastos 1999 in the making of this engine: see docs/radiosity.md.
+//! Table 5.1 and figures 5.20 and 5.21 of Bastos 1999 in the making of this engine: see docs/radiosity.md.
 //!
 //! ```sh
 //! cargo run --release --example radiosity -- table [ELEMENTS [FRAMES]]
@@ -16,7 +16,7 @@ use glam::{Vec2, Vec3};
 use lightsum::bake;
 use lightsum::gpu::Context;
 use lightsum::radiosity::quadtree::Shape;
-use lightsum::radiosity::reconstruct::{bilinear, fill, filter, hermite, mitchell};
+use lightsum::radiosity::reconstruct::{bilinear, filter, hermite, mitchell};
 use lightsum::radiosity::texture::Grid;
 use lightsum::radiosity::{Options, Radiosity, TextureOptions};
 use lightsum::scene::{Camera, KeptFace, KeptLight, KeptPage, Material, Scene, Triangle};
@@ -214,14 +214,63 @@ fn table(context: &Context, settings: &Settings, elements: usize, repeats: u32) 
     Ok(())
 }
 
-/// Side of a picture.
+/// Side of a picture, and the black between two.
 const SHOWN: usize = 128;
+const GAP: usize = 4;
 
-/// A way to rebuild the light: its name and its value at a point of the wall.
-type Way = (String, Box<dyn Fn([f32; 2]) -> f32>);
+/// Cells along a side of 9 x 9 samples, by the width of which bends are told.
+const CELLS: f32 = 8.0;
 
-fn figure(context: &Context, settings: &Settings, path: &str, height: u8) -> Outcome<()> {
-    // Vertices along a side of the reference.
+/// Light by place on the wall, each coordinate from 0 to 1.
+type Function<'a> = Box<dyn Fn([f32; 2]) -> f32 + 'a>;
+
+/// A look-up at a point in cells of a texture.
+type LookUp = fn(&Grid<f32>, [f32; 2]) -> f32;
+
+fn look(grid: &Grid<f32>, look_up: LookUp) -> Function<'_> {
+    let scale = (grid.size[0] - 1) as f32;
+    Box::new(move |at| look_up(grid, at.map(|c| c * scale)))
+}
+
+/// A texture of so many texels a side, those of its border on the border of the wall.
+fn resample(light: &Function, side: usize) -> Grid<f32> {
+    let at = |i: usize| [i % side, i / side].map(|n| n as f32 / (side - 1) as f32);
+    Grid { size: [side; 2], values: (0..side * side).map(|i| light(at(i))).collect() }
+}
+
+/// The texel that has a place, as texels are shown.
+fn nearest(grid: &Grid<f32>, at: [f32; 2]) -> f32 {
+    let side = grid.size[0];
+    grid.at(at.map(|c| ((c * side as f32 / (side - 1) as f32) as usize).min(side - 1)))
+}
+
+/// RMS of the difference at the vertices of the reference.
+fn difference(light: &Function, expected: &Grid<f32>) -> f32 {
+    let found = resample(light, expected.size[0]);
+    let squares = found.values.iter().zip(&expected.values).map(|(a, b)| f64::from(a - b).powi(2));
+    (squares.sum::<f64>() / expected.values.len() as f64).sqrt() as f32
+}
+
+/// The greatest change of the slope along an axis from one of some 512 steps to the next, times the width of a cell of 9 x 9.
+/// A line of texels lies between two steps.
+fn bend(light: &Function, side: usize) -> f32 {
+    let steps = 512 / (side - 1) * (side - 1);
+    let width = 1.0 / steps as f32;
+    let mut greatest = 0.0f32;
+    for line in 1..steps {
+        for across in 0..64 {
+            let [x, y] = [line as f32 * width, across as f32 / 63.0];
+            for at in [|x: f32, y: f32| [x, y], |x: f32, y: f32| [y, x]] {
+                let [low, middle, high] = [-width, 0.0, width].map(|d| light(at(x + d, y)));
+                greatest = greatest.max((low - 2.0 * middle + high).abs() / width / CELLS);
+            }
+        }
+    }
+    greatest
+}
+
+/// Light of a small lamp on the wall behind it, at the vertices of a full tree.
+fn wall_light(context: &Context, settings: &Settings, height: u8) -> Outcome<Grid<f32>> {
     let side = (1usize << height) + 1;
     // A wall, its floor, and a lamp before the wall.
     let mut scene = Scene { name: String::from("wall"), ..Scene::default() };
@@ -236,58 +285,74 @@ fn figure(context: &Context, settings: &Settings, path: &str, height: u8) -> Out
     let at = |i: usize| wall.texel([i % side, i / side].map(|n| n as f32 / (side - 1) as f32), height);
     let points: Vec<Texel> = (0..side * side).map(at).collect();
     let light = radiosity.light(&points, 4, &mut |_| true)?;
-    let values = light.iter().map(|light| light.total().x).collect();
-    let reference = Grid { size: [side; 2], values };
-    let sampled = |height: u8| {
-        let step = (side - 1) >> height;
-        let reference = reference.clone();
-        move |[x, y]: [u32; 2]| reference.at([x as usize * step, y as usize * step])
-    };
-    let of = sampled(2);
-    let coarse = fill(Shape::Quad, 2, |at| Some(of(at)));
-    // 5 x 5 samples, the rest by bicubic patches.
-    let resampled =
-        fill(Shape::Quad, 3, |[x, y]| (x % 2 == 0 && y % 2 == 0).then(|| coarse.at([x as usize / 2, y as usize / 2])));
-    let look = |grid: Grid<f32>, look_up: fn(&Grid<f32>, [f32; 2]) -> f32| -> Box<dyn Fn([f32; 2]) -> f32> {
-        let scale = (grid.size[0] - 1) as f32;
-        Box::new(move |at| look_up(&grid, at.map(|c| c * scale)))
-    };
-    let mut ways: Vec<Way> = vec![
-        (format!("reference, height {height}"), look(reference.clone(), bilinear)),
-        (String::from("5 x 5, bilinear"), look(coarse.clone(), bilinear)),
-        (String::from("5 x 5, bicubic patches"), look(coarse, hermite)),
-    ];
-    for width in 2..=6 {
-        let grid = filter(&resampled, Shape::Quad, width);
-        ways.push((format!("9 x 9, pre-filter {width} x {width}, bilinear"), look(grid, bilinear)));
-    }
-    ways.push((String::from("9 x 9, no pre-filter, Mitchell"), look(resampled, mitchell)));
+    Ok(Grid { size: [side; 2], values: light.iter().map(|light| light.total().x).collect() })
+}
 
-    let mean = reference.values.iter().sum::<f32>() / (side * side) as f32;
-    let greatest = reference.values.iter().fold(0.0f32, |a, b| a.max(*b));
-    let mut picture = image::GrayImage::new(((SHOWN + 4) * ways.len()) as u32, SHOWN as u32);
-    println!("way | RMS error / mean | greatest bend / mean");
-    for (n, (name, value)) in ways.iter().enumerate() {
-        let mut square = 0.0;
-        for (i, expected) in reference.values.iter().enumerate() {
-            square += f64::from(value([i % side, i / side].map(|n| n as f32 / (side - 1) as f32)) - expected).powi(2);
+fn figure(context: &Context, settings: &Settings, path: &str, height: u8) -> Outcome<()> {
+    let reference = wall_light(context, settings, height)?;
+    let mean = reference.values.iter().sum::<f32>() / reference.values.len() as f32;
+    let goal = look(&reference, bilinear);
+    let samples = resample(&goal, 5);
+    let patches = look(&samples, hermite);
+    let fine_patches = resample(&patches, reference.size[0]);
+
+    let greatest = [&reference, &samples, &fine_patches].map(|grid| grid.values.iter().copied().fold(0.0, f32::max));
+    let [of_reference, of_samples, of_patches] = greatest.map(|light| light / mean);
+    println!("greatest light / mean: {of_reference:.2}, of 5 x 5 samples {of_samples:.2}, of patches {of_patches:.2}");
+
+    // Of each way to rebuild the light: its error, and its difference from the patches, which the filter and the look-up make;
+    // its error where all texels are computed instead of 5 x 5.
+    println!(
+        "reconstruction | RMS error / mean | RMS from the patches / mean | RMS error of computed texels / mean | bend / mean"
+    );
+    for (name, light, side) in [
+        ("reference", &goal, reference.size[0]),
+        ("5 x 5, bilinear", &look(&samples, bilinear), 5),
+        ("5 x 5, patches", &patches, 5),
+    ] {
+        let [error, blur] = [&reference, &fine_patches].map(|expected| difference(light, expected) / mean);
+        println!("{name} | {error:.4} | {blur:.4} | | {:.3}", bend(light, side) / mean);
+    }
+    for side in [8, 9, 17, 33, 65, 129, 257] {
+        let [texture, computed] = [&patches, &goal].map(|light| resample(light, side));
+        let filters = (2..=6).map(|width| (format!("{width} x {width}, bilinear"), width, bilinear as LookUp));
+        for (name, width, look_up) in filters.chain([(String::from("2 x 2, Mitchell"), 2, mitchell as LookUp)]) {
+            let [texture, computed] = [&texture, &computed].map(|grid| filter(grid, Shape::Quad, width));
+            let light = look(&texture, look_up);
+            let [error, blur] = [&reference, &fine_patches].map(|expected| difference(&light, expected) / mean);
+            let own = difference(&look(&computed, look_up), &reference) / mean;
+            println!("{side} x {side}, {name} | {error:.4} | {blur:.4} | {own:.4} | {:.3}", bend(&light, side) / mean);
         }
-        // The bend at a line of texels: the change of the slope there, times the width of a cell of 9 x 9.
-        let mut bend = 0.0f32;
-        for i in 0..64 * 7 {
-            let (t, line) = ((i / 7) as f32 / 63.0, ((i % 7) as f32 + 1.0) / 8.0);
-            const D: f32 = 1.0 / 512.0;
-            for at in [|x: f32, t: f32| [x, t], |x: f32, t: f32| [t, x]] {
-                let [low, middle, high] = [-D, 0.0, D].map(|d| value(at(line + d, t)));
-                bend = bend.max((low - 2.0 * middle + high).abs() / D / 8.0);
-            }
-        }
-        println!("{name} | {:.4} | {:.3}", (square / (side * side) as f64).sqrt() / f64::from(mean), bend / mean);
-        for y in 0..SHOWN {
-            for x in 0..SHOWN {
+    }
+
+    // Figure 5.20, a to g; figure 5.21, the filtered textures of 8 x 8 and their look-ups; the widest filter on finer textures.
+    let texture = resample(&patches, 8);
+    let filtered: Vec<Grid<f32>> = (2..=6).map(|width| filter(&texture, Shape::Quad, width)).collect();
+    let finer: Vec<Grid<f32>> =
+        [9, 17, 33, 65, 129, 257].map(|side| filter(&resample(&patches, side), Shape::Quad, 6)).into();
+    let rows: [Vec<Function>; 4] = [
+        vec![
+            look(&samples, nearest),
+            look(&reference, bilinear),
+            look(&texture, nearest),
+            look(&samples, bilinear),
+            look(&samples, hermite),
+            look(&texture, bilinear),
+            look(&texture, mitchell),
+        ],
+        filtered.iter().map(|grid| look(grid, nearest)).collect(),
+        filtered.iter().map(|grid| look(grid, bilinear)).collect(),
+        finer.iter().map(|grid| look(grid, bilinear)).collect(),
+    ];
+    let [columns, lines] = [rows[0].len(), rows.len()].map(|n| (n * (SHOWN + GAP) - GAP) as u32);
+    let mut picture = image::GrayImage::new(columns, lines);
+    for (j, row) in rows.iter().enumerate() {
+        for (i, light) in row.iter().enumerate() {
+            for (x, y) in (0..SHOWN * SHOWN).map(|n| (n % SHOWN, n / SHOWN)) {
                 let at = [x as f32 / (SHOWN - 1) as f32, 1.0 - y as f32 / (SHOWN - 1) as f32];
-                let shown = (value(at) / greatest).clamp(0.0, 1.0).powf(1.0 / 2.2);
-                picture.put_pixel((x + n * (SHOWN + 4)) as u32, y as u32, image::Luma([(255.0 * shown) as u8]));
+                let shown = (light(at) / greatest[0]).clamp(0.0, 1.0).powf(1.0 / 2.2);
+                let [x, y] = [x + i * (SHOWN + GAP), y + j * (SHOWN + GAP)].map(|n| n as u32);
+                picture.put_pixel(x, y, image::Luma([(255.0 * shown) as u8]));
             }
         }
     }
