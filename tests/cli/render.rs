@@ -329,6 +329,17 @@ fn a_model_without_light_gets_a_sky() {
 }
 
 #[test]
+fn a_black_image_is_told() {
+    let folder = folder();
+    let warns = |camera: &str| {
+        let output = succeeds(folder.path(), &format!("render scene.toml -o a.png --passes 1 {camera}"));
+        text(&output.stderr).contains("the image is black")
+    };
+    assert!(!warns(""));
+    assert!(warns("--eye 0,0.5,-4"), "from behind the wall");
+}
+
+#[test]
 fn damaged_scenes_are_refused() {
     let folder = folder();
     let write = |name: &str, text: String| fs::write(folder.path().join(name), text).unwrap();

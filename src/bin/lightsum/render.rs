@@ -7,7 +7,7 @@ use crate::moment::Moment;
 use crate::progress::{Progress, duration};
 use crate::stop::{Stop, error_is_due, error_of, watch_for_interrupt};
 use crate::{effect, mirrors, reference, say, say_aside, shard, speak, strips};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use lightsum::engine::ShutterEnd;
 use lightsum::film::HostFilm;
 use lightsum::output::{self, Encoding, Layers, Metadata, State, Statistics, Surfaces, Wanted};
@@ -228,7 +228,7 @@ fn radiosity(
         let rendered = passes(&job, &mut renderer, &stop, &interrupted, (&mut checkpoints, &mut live));
         let writing = Instant::now();
         let written = match &rendered {
-            Ok(_) if renderer.passes() > 0 => write_image(&job, &renderer, &renderer.statistics()),
+            Ok(_) if renderer.passes() > 0 => write_image(&job, &renderer, &renderer.statistics(), tell_if_black),
             _ => Ok(()),
         };
         let lost = rendered.as_ref().err().or(written.as_ref().err());
@@ -336,7 +336,7 @@ fn passes(
         };
         progress.show(text, stop.fraction(passes, rendered, elapsed, error));
         checkpoints.after_pass(renderer);
-        live.after_pass(renderer, || write_image(job, renderer, &renderer.statistics()));
+        live.after_pass(renderer, || write_image(job, renderer, &renderer.statistics(), |_| ()));
     }
     progress.finish();
     let elapsed = progress.elapsed();
@@ -348,7 +348,8 @@ pub fn count(passes: u32) -> String {
     format!("{passes} {}", if passes == 1 { "pass" } else { "passes" })
 }
 
-fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Result<()> {
+/// Writes the outputs. `tell` may say something about the image.
+fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics, tell: impl FnOnce(&Layers)) -> Result<()> {
     if job.outputs.is_empty() {
         return Ok(());
     }
@@ -356,7 +357,18 @@ fn write_image(job: &Job, renderer: &Renderer, statistics: &Statistics) -> Resul
     metadata.passes = renderer.passes();
     let mut layers = renderer.image(job.wanted())?;
     job.add_surfaces(&mut layers, renderer);
+    tell(&layers);
     job.write_outputs(&layers, &metadata)
+}
+
+/// Warns of an image without any light.
+fn tell_if_black(layers: &Layers) {
+    if !layers.color.is_empty() && layers.color.iter().all(|color| *color == Vec3::ZERO) {
+        log::warn!(
+            "the image is black: no light comes from what the camera sees; --eye and --target move the camera, \
+             into a closed room for example"
+        );
+    }
 }
 
 /// After an error in a pass: writes the image and the state of the passes before it, as far as the device still gives them.
@@ -365,7 +377,7 @@ fn save_what_there_is(job: &Job, renderer: &Renderer, checkpoints: &mut Checkpoi
         return;
     }
     let statistics = renderer.statistics();
-    match write_image(job, renderer, &statistics) {
+    match write_image(job, renderer, &statistics, |_| ()) {
         Ok(()) => say_aside(&format!("{} before the error are in the image", count(renderer.passes()))),
         Err(error) => log::warn!("the image of the passes before the error is lost: {error}"),
     }
