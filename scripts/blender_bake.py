@@ -2,18 +2,23 @@
 """Light maps by Blender's Cycles and by `lightsum bake` on the same texture coordinates: error against seconds (table of docs/bake.md).
 
     python3.11 -m venv venv && venv/bin/pip install bpy==5.0.1 OpenEXR numpy       # Blender as a Python module
+    venv/bin/python scripts/blender_bake.py SCENE --diffuse /tmp/room               # if the scene has glass, mirrors or lobes: a copy without
     target/release/lightsum bake SCENE --passes 1 -o /tmp/room.glb --density D
     venv/bin/python scripts/blender_bake.py SCENE /tmp/room.glb --density D --samples 16,64,256 --passes 4,16,64
 
-Cycles bakes the model that lightsum has written, with its second texture coordinates, with diffuse materials of the same colours and the
+Cycles bakes the model that lightsum has written, with its texture coordinates of the maps, with diffuse materials of the same colours and textures and the
 same emission, light without colour, on all cores, without a background. The references are two bakes by Cycles with other seeds, whose noise does not count:
 the square of the error is the mean product of the differences from each, over the square of the light around the texel; a texel has at most 2, and the
-worst 0.5 % of the texels are left out. Texels without a
+worst 0.5 % of the texels are left out, and as many of the least products, since the noise of the references makes both. Texels without a
 point on the model do not count, nor dark ones and those beside them: they lie below what stands on a surface, and lightsum fills them. Seconds are those of the operator `bake`, and of the whole `lightsum bake`.
+
+The scene has to be diffuse, since Cycles bakes it so: --diffuse writes a copy of a scene with an OBJ model into a folder, without faces of glass and with the
+diffuse part of other materials alone.
 """
 import argparse
 import json
 import pathlib
+import shutil
 import struct
 import subprocess
 import sys
@@ -21,7 +26,6 @@ import tempfile
 import time
 
 import bpy
-import bmesh
 import numpy as np
 import OpenEXR
 
@@ -44,7 +48,6 @@ def plain_material(material, image):
     nodes, links = material.node_tree.nodes, material.node_tree.links
     principled = nodes["Principled BSDF"]
     colour, strength = principled.inputs["Base Color"], principled.inputs["Emission Strength"].default_value
-    material["glows"] = strength > 0.0
     glow = [x * strength for x in principled.inputs["Emission Color"].default_value[:3]]
     diffuse = nodes.new("ShaderNodeBsdfDiffuse")
     if colour.is_linked:
@@ -53,7 +56,7 @@ def plain_material(material, image):
         diffuse.inputs["Color"].default_value = colour.default_value
     emission, both = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeAddShader")
     emission.inputs["Color"].default_value = (*glow, 1.0)
-    # Emitters of the model shine from the front.
+    # Emitters of the model shine from the front. The backs of its lamps and sheets lie apart from the fronts, so rays do not end on them at once.
     side, front = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeMath")
     front.operation = "SUBTRACT"
     front.inputs[0].default_value = 1.0
@@ -68,6 +71,7 @@ def plain_material(material, image):
 
 
 def prepare(glb, size, bounces):
+    set_of_maps = document(glb)["extras"]["lightsum"]["lightmap"]["tex_coord"]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.import_scene.gltf(filepath=str(glb))
     scene = bpy.context.scene
@@ -90,33 +94,53 @@ def prepare(glb, size, bounces):
     for material in bpy.data.materials:
         if material.node_tree and "Principled BSDF" in material.node_tree.nodes:
             plain_material(material, image)
-    # Objects whose sides are all dark have no texels.
-    meshes = [o for o in bpy.data.objects if o.type == "MESH" and o.data.uv_layers]
+    # Objects whose sides are all dark have no texels, though perhaps texture coordinates.
+    meshes = [o for o in bpy.data.objects if o.type == "MESH" and len(o.data.uv_layers) > set_of_maps]
     bpy.ops.object.select_all(action="DESELECT")
     for o in meshes:
-        o.data.uv_layers.active_index = len(o.data.uv_layers) - 1
-        o.data.uv_layers.active.name = "light map"
+        o.data.uv_layers[set_of_maps].name = "light map"
         o.select_set(True)
     bpy.context.view_layer.objects.active = meshes[0]
     # One object: Cycles bakes each by itself, and prepares the scene anew for it.
     bpy.ops.object.join()
-    mesh = bpy.context.view_layer.objects.active.data
-    open_lamps(mesh)
-    mesh.uv_layers.active_index = mesh.uv_layers.find("light map")
+    layers = bpy.context.view_layer.objects.active.data.uv_layers
+    layers.active_index = layers.find("light map")
     return image
 
 
-def open_lamps(mesh):
-    """Deletes the backs of lamps: they lie on the lamps, and rays that Cycles sends there would end on them."""
-    glows = {i for i, material in enumerate(mesh.materials) if material.get("glows")}
-    faces = bmesh.new()
-    faces.from_mesh(mesh)
-    centre = lambda face: tuple(round(x, 4) for x in face.calc_center_median())
-    lamps = {centre(face) for face in faces.faces if face.material_index in glows}
-    backs = [face for face in faces.faces if face.material_index not in glows and centre(face) in lamps]
-    bmesh.ops.delete(faces, geom=backs, context="FACES_ONLY")
-    faces.to_mesh(mesh)
-    faces.free()
+def lines_of(path):
+    return path.read_text(errors="replace").splitlines()
+
+
+def write_diffuse(description, folder):
+    """Writes a copy of a scene without faces of glass, and with the diffuse part of other materials alone."""
+    source, folder = pathlib.Path(description).resolve(), pathlib.Path(folder)
+    for file in (file for file in source.parent.rglob("*") if file.is_file()):
+        copy = folder / file.relative_to(source.parent)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
+    glass, name = set(), ""
+    for library in folder.glob("*.mtl"):
+        lines = []
+        for line in lines_of(library):
+            keyword, *rest = line.split() or [""]
+            if keyword == "newmtl":
+                name = " ".join(rest)
+            if keyword == "illum" and rest[0] in ("4", "6", "7"):
+                glass.add(name)
+            if keyword in ("newmtl", "Kd", "Ke", "map_Kd"):
+                lines.append(line)
+        library.write_text("\n".join(lines) + "\n")
+    for model in folder.glob("*.obj"):
+        lines = []
+        for line in lines_of(model):
+            keyword, *rest = line.split() or [""]
+            if keyword == "usemtl":
+                name = " ".join(rest)
+            if keyword != "f" or name not in glass:
+                lines.append(line)
+        model.write_text("\n".join(lines) + "\n")
+    print(folder / source.name, "without", ", ".join(sorted(glass)) or "faces of glass, which it has not")
 
 
 def baked(image, samples, seed):
@@ -154,18 +178,23 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     numbers = lambda text: [int(word) for word in text.split(",")]
     parser.add_argument("scene")
-    parser.add_argument("model", help="a bake of the scene by lightsum, whose map is one page")
-    parser.add_argument("--density", type=float, required=True)
+    parser.add_argument("model", nargs="?", help="a bake of the scene by lightsum, whose map is one page")
+    parser.add_argument("--density", type=float)
     parser.add_argument("--max-depth", type=int, default=16)
     parser.add_argument("--samples", type=numbers, default=[16, 64, 256])
     parser.add_argument("--passes", type=numbers, default=[4, 16, 64])
     parser.add_argument("--reference", type=int, default=1024, help="samples of each of the two references")
     parser.add_argument("--dark", type=float, default=0.01, help="part of the mean below which texels do not count")
     parser.add_argument("--lightsum", default="target/release/lightsum")
+    parser.add_argument("--diffuse", metavar="FOLDER", help="write a diffuse copy of the scene into a folder, and bake nothing")
     parser.add_argument("--save", metavar="FOLDER", help="keep the references as NumPy files, or take them from there")
     end = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
     args = parser.parse_args(sys.argv[1:end])
     args.flags = sys.argv[end + 1 :]
+    if args.diffuse:
+        return write_diffuse(args.scene, args.diffuse)
+    if not args.model or not args.density:
+        parser.error("which model, and which density?")
     height, width, _ = read_map(args.model).shape
     # A path of n segments from the eye has n - 1 after the texel, and Cycles counts the bounces between them.
     image = prepare(args.model, (width, height), args.max_depth - 2)
@@ -185,13 +214,14 @@ def main():
     first, second = np.where(counted[..., None], first, 0), np.where(counted[..., None], second, 0)
     weight = weights(first, second, counted)
     mean = (first + second)[counted].mean() / 2
-    print(f"{int(counted.sum())} texels of {width} x {height}")
+    print(f"{int(counted.sum())} texels of {int((references[0] > EMPTY).all(axis=-1).sum())} on the model, of {width} x {height}")
     print("program | setting | seconds | relative RMSE | energy")
 
     def tell(program, setting, result):
         light, seconds = result
         squares = np.sort(((light - first) * (light - second) * weight)[counted].mean(axis=-1))
-        square = np.minimum(squares[: int(np.ceil(COUNTED * squares.size))], MOST).mean()
+        most = int(np.ceil(COUNTED * squares.size))
+        square = np.minimum(squares[squares.size - most : most], MOST).mean()
         print(f"{program} | {setting} | {seconds:.1f} | {np.sqrt(max(square, 0)):.4f} | {light[counted].mean() / mean:.4f}", flush=True)
 
     with tempfile.TemporaryDirectory() as name:

@@ -2,7 +2,8 @@
 //! OpenEXR of half floats, and a manifest in the model's `extras.lightsum.lightmap` that says which is which.
 //!
 //! A triangle that is lit on both sides is there twice, once for each, and every material is one-sided, unless neither side has
-//! light. `extras.lightsum.triangles` of a primitive is an accessor of the triangles of the scene that was baked, twice their index,
+//! light. Its back is moved a hair's breadth outwards: rays of programs that trace the model would end on one side where they leave the other.
+//! `extras.lightsum.triangles` of a primitive is an accessor of the triangles of the scene that was baked, twice their index,
 //! plus 1 for the back; by it `read` gives the light to that scene again.
 //!
 //! The maps hold irradiance in W/m^2 times 2^exposure. With [`Form::Unlit`] the model has textures of radiance instead, in sRGB,
@@ -125,8 +126,13 @@ pub(super) struct PrimitiveExtras {
 struct Side {
     triangle: u32,
     back: bool,
+    /// A back whose front is written too.
+    apart: bool,
     corners: Option<[Vec2; 3]>,
 }
+
+/// Distance of the back from the front where both are written, relative to the diagonal of the scene.
+const GAP: f32 = 1e-5;
 
 /// Kind of a primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -260,16 +266,17 @@ fn sides(scene: &Scene, charts: &Charts) -> BTreeMap<u32, BTreeMap<Kind, Vec<Sid
         let material = &scene.materials[triangle.material as usize];
         let shines_in_front = material.emission != Vec3::ZERO && !material.two_sided;
         let both_sides = places == [None, None];
+        let has_front = places[0].is_some() || shines_in_front;
         let mut add = |back: bool, place: Option<(u32, [Vec2; 3])>| {
             let (Triangle { material, smooth, .. }, page) = (*triangle, place.map(|(page, _)| page));
             let kind = Kind { material, smooth, page, both_sides, emits: !(back && shines_in_front) };
-            let side = Side { triangle: i, back, corners: place.map(|(_, corners)| corners) };
+            let side = Side { triangle: i, back, apart: back && has_front, corners: place.map(|(_, corners)| corners) };
             groups.entry(triangle.object).or_default().entry(kind).or_default().push(side);
         };
         match places {
             [None, None] => add(false, None),
             [front, back] => {
-                if front.is_some() || shines_in_front {
+                if has_front {
                     add(false, front);
                 }
                 if back.is_some() {
@@ -285,12 +292,15 @@ fn sides(scene: &Scene, charts: &Charts) -> BTreeMap<u32, BTreeMap<Kind, Vec<Sid
 fn model(path: &Path, scene: &Scene, light: &Lightmap, form: Form, manifest: Manifest) -> Result<Vec<u8>> {
     let mut document = Writer::default();
     let mut materials = Materials::new(path, scene, light, form)?;
+    let (low, high) =
+        scene.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
+    let gap = GAP * (high - low).length();
     for (object, primitives) in sides(scene, &light.charts) {
         let primitives: Vec<Value> = primitives
             .iter()
             .map(|(&kind, sides)| {
                 let material = materials.index(kind)?;
-                Ok(primitive(&mut document, (scene, &light.charts), form, kind, sides, material))
+                Ok(primitive(&mut document, (scene, &light.charts, gap), form, kind, sides, material))
             })
             .collect::<Result<_>>()?;
         let name = &scene.objects[object as usize];
@@ -376,26 +386,32 @@ fn container(path: &Path, text: &[u8], bin: &[u8]) -> Result<Vec<u8>> {
 
 fn primitive(
     document: &mut Writer,
-    (scene, charts): (&Scene, &Charts),
+    (scene, charts, gap): (&Scene, &Charts, f32),
     form: Form,
     Kind { material, smooth, page, .. }: Kind,
     sides: &[Side],
     index: usize,
 ) -> Value {
     let size = page.map_or(Vec2::ONE, |page| Vec2::from_array(charts.pages[page as usize].map(|n| n as f32)));
-    // A vertex of the file is one of the scene with its place and side.
-    let mut numbers: HashMap<(u32, bool, [u32; 2]), u32> = HashMap::new();
+    // A vertex of the file is one of the scene with its place and side, moved with its triangle.
+    let mut numbers: HashMap<(u32, bool, [u32; 2], [u32; 3]), u32> = HashMap::new();
     let mut vertices: Vec<(u32, bool, Vec2)> = Vec::new();
+    let mut positions: Vec<Vec3> = Vec::new();
     let mut indices: Vec<u32> = Vec::with_capacity(3 * sides.len());
     for side in sides {
         let corners = side.corners.unwrap_or_default();
         let order = if side.back { [0, 2, 1] } else { [0, 1, 2] };
+        let [a, b, c] = scene.triangle_positions(side.triangle as usize);
+        let outwards = if side.apart { gap * (c - a).cross(b - a).normalize_or_zero() } else { Vec3::ZERO };
         for k in order {
             let v = scene.triangles[side.triangle as usize].vertices[k];
             let place = (corners[k] / size).clamp(Vec2::ZERO, Vec2::ONE);
             let next = vertices.len() as u32;
-            let number = *numbers.entry((v, side.back, place.to_array().map(f32::to_bits))).or_insert(next);
+            let position = scene.positions[v as usize] + outwards;
+            let key = (v, side.back, place.to_array().map(f32::to_bits), position.to_array().map(f32::to_bits));
+            let number = *numbers.entry(key).or_insert(next);
             if number == next {
+                positions.push(position);
                 vertices.push((v, side.back, place));
             }
             indices.push(number);
@@ -409,7 +425,6 @@ fn primitive(
     let count = vertices.len();
     let mut add =
         |values: Vec<f32>, shape: Value| document.accessor(values.into_iter().map(f32::to_le_bytes), count, shape);
-    let positions: Vec<Vec3> = vertices.iter().map(|(v, ..)| scene.positions[*v as usize]).collect();
     let mut shape = float3();
     shape["min"] = export::vector(positions.iter().copied().fold(Vec3::INFINITY, Vec3::min).to_array());
     shape["max"] = export::vector(positions.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max).to_array());

@@ -128,24 +128,52 @@ impl Inside<'_> {
 
     /// Whether a texel sees nothing but sides without light: it lies inside a body, or below what stands on its surface.
     pub fn holds(&self, texel: &Texel) -> bool {
-        let dark = |(triangle, back): (u32, bool)| !self.sides[triangle as usize].has(back);
+        let dark = |Seen { triangle, back, .. }| !self.sides[triangle as usize].has(back);
         seen(self.bvh, self.leaves, texel, RAYS).all(|side| side.is_some_and(dark))
     }
 }
 
-/// The sides that the nearest hits of rays from a texel show, by triangle and whether it is the back; `None`: the ray leaves the scene.
-/// The density of the rays goes by the cosine.
-pub(crate) fn seen(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl Iterator<Item = Option<(u32, bool)>> {
-    let (hit, normal) = at(bvh, leaves, texel);
-    let origin = offset_origin(bvh.position(&hit), normal, bvh.scale());
+/// The side that a ray from a texel meets first.
+pub(crate) struct Seen {
+    /// Index of the triangle in the scene.
+    pub triangle: u32,
+    /// Whether it is the back.
+    pub back: bool,
+    /// The middle of the ray.
+    pub middle: Vec3,
+}
+
+/// The sides that rays from a texel meet first; `None`: the ray leaves the scene. The density of the rays goes by the cosine.
+pub(crate) fn seen(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl Iterator<Item = Option<Seen>> {
+    let normal = at(bvh, leaves, texel).1;
+    let origin = origin(bvh, leaves, texel);
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     (0..rays).map(move |i| {
         let [u, v] = hammersley(i, rays);
         let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
         let direction = (tangent * cos + bitangent * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
         let hit = bvh.closest(&Ray::new(origin, direction))?;
-        Some((bvh.scene_triangle(hit.triangle), bvh.normal(hit.triangle).dot(direction) > 0.0))
+        let back = bvh.normal(hit.triangle).dot(direction) > 0.0;
+        Some(Seen { triangle: bvh.scene_triangle(hit.triangle), back, middle: origin + 0.5 * hit.t * direction })
     })
+}
+
+/// The middles of rays from a texel along its side, of those that meet something: a thin gap lies open to its rim alone.
+pub(crate) fn beside(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl Iterator<Item = Vec3> {
+    let origin = origin(bvh, leaves, texel);
+    let (tangent, bitangent) = at(bvh, leaves, texel).1.any_orthonormal_pair();
+    (0..rays).filter_map(move |i| {
+        let (sin, cos) = (std::f32::consts::TAU * (i as f32 + 0.5) / rays as f32).sin_cos();
+        let direction = tangent * cos + bitangent * sin;
+        let hit = bvh.closest(&Ray::new(origin, direction))?;
+        Some(origin + 0.5 * hit.t * direction)
+    })
+}
+
+/// The point of a texel, off its side as far as rays that start there.
+pub(crate) fn origin(bvh: &Bvh, leaves: &[u32], texel: &Texel) -> Vec3 {
+    let (hit, normal) = at(bvh, leaves, texel);
+    offset_origin(bvh.position(&hit), normal, bvh.scale())
 }
 
 /// The point of a texel, and the normal of its side.

@@ -31,6 +31,7 @@ mod materials;
 mod moves;
 mod outliers;
 pub mod sides;
+mod space;
 pub mod texels;
 
 pub use batches::Batch;

@@ -2,7 +2,8 @@
 //!
 //! Models come as sheets without thickness and in mixed orientations, so that neither the front nor what rays meet first tells the
 //! side that is seen. Light does: what it does not reach is black anyway. The few lights of these passes miss sides that only light of many
-//! reflections reaches, such as those that face a dim corridor. So a dark side that sees lit ones is lit too, and so on.
+//! reflections reaches, such as those that face a dim corridor. So a dark side that sees lit ones is lit too, and so on; but not inside a body that
+//! stands on a floor, which is lit as a whole: see `space`.
 
 use std::sync::Arc;
 
@@ -11,7 +12,8 @@ use rayon::prelude::*;
 
 use super::Stop;
 use super::blocks::BLOCK;
-use super::lightmap;
+use super::lightmap::{self, Seen};
+use super::space::Space;
 use crate::accel::Bvh;
 use crate::error::{Error, Result};
 use crate::film::HostFilm;
@@ -78,12 +80,12 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
     let diffuse: Vec<bool> = scene.materials.iter().map(is_diffuse).collect();
     let area: f64 = (0..scene.triangles.len()).map(|i| f64::from(scene.triangle_area(i))).sum();
     let numbers: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+    let share = |i: u32| f64::from(scene.triangle_area(i as usize)) / area * SPREAD;
     let mut probes = Vec::new();
     for group in numbers.chunks(GROUP) {
         for (&i, back) in [false, true].iter().flat_map(|back| group.iter().map(move |i| (i, *back))) {
             if diffuse[scene.triangles[i as usize].material as usize] {
-                let share = f64::from(scene.triangle_area(i as usize)) / area * SPREAD;
-                let count = (share as usize).clamp(1, MAX_PROBES);
+                let count = (share(i) as usize).clamp(1, MAX_PROBES);
                 probes.extend((0..count).map(|k| Texel { triangle: i, uv: point(k, count), back }));
             }
         }
@@ -124,29 +126,52 @@ pub fn lit(context: &Context, scene: &Scene, settings: &Settings, stop: Stop) ->
         Ok(found)
     };
     let mut sides = vec![Sides::default(); scene.triangles.len()];
-    let mut least = None;
+    let (mut least, mut reached) = (None, Vec::new());
     for passes in ROUNDS {
         let found = light(&probes, passes)?;
         let least = *least.get_or_insert_with(|| LEAST * found.iter().sum::<f32>() / found.len().max(1) as f32);
         for (probe, _) in probes.iter().zip(found).filter(|(_, light)| *light > least) {
             sides[probe.triangle as usize].light(probe.back);
+            reached.push(*probe);
         }
         probes.retain(|probe| !sides[probe.triangle as usize].has(probe.back));
     }
-    spread(scene, &probes, &mut sides, stop)?;
+    spread(scene, (&probes, &reached), |i| share(i) >= 2.0, &mut sides, stop)?;
     Ok(sides)
 }
 
-/// Lights dark sides whose probes see enough lit ones, until there are no more. Errors: [`Error::Interrupted`].
-fn spread(scene: &Scene, probes: &[Texel], sides: &mut [Sides], stop: Stop) -> Result<()> {
+/// Lights dark sides whose probes see enough lit ones, until there are no more. A large side is lit as a whole and seen in part: it counts
+/// for probes in the space that light reaches. Errors: [`Error::Interrupted`].
+fn spread(
+    scene: &Scene,
+    (probes, reached): (&[Texel], &[Texel]),
+    is_large: impl Fn(u32) -> bool + Sync,
+    sides: &mut [Sides],
+    stop: Stop,
+) -> Result<()> {
     let bvh = Bvh::build(scene)?;
     let leaves = bvh.leaf_numbers();
+    let origin = |probe: &Texel| lightmap::origin(&bvh, &leaves, probe);
+    let points: Vec<Vec3> = reached.par_iter().map(origin).collect();
+    let space = Space::new(&bvh, scene, &points);
     let mut dark = Vec::with_capacity(probes.len());
     for chunk in probes.chunks(4096) {
         if stop() {
             return Err(Error::Interrupted);
         }
-        let seen = |probe: &Texel| lightmap::seen(&bvh, &leaves, probe, RAYS).flatten().collect::<Vec<_>>();
+        let seen = |probe: &Texel| {
+            let mut all: Vec<Seen> = lightmap::seen(&bvh, &leaves, probe, RAYS).flatten().collect();
+            let open = || {
+                let beside = lightmap::beside(&bvh, &leaves, probe, RAYS);
+                let points = std::iter::once(origin(probe)).chain(beside).chain(all.iter().map(|seen| seen.middle));
+                // More than a crack, as for sides.
+                points.filter(|point| space.reaches(*point)).take(SEEN).count() == SEEN
+            };
+            if all.iter().any(|seen| is_large(seen.triangle)) && !open() {
+                all.retain(|seen| !is_large(seen.triangle));
+            }
+            all.into_iter().map(|Seen { triangle, back, .. }| (triangle, back)).collect::<Vec<_>>()
+        };
         dark.par_extend(chunk.par_iter().map(|probe| (*probe, seen(probe))));
     }
     loop {

@@ -193,13 +193,22 @@ fn sides_that_only_many_reflections_reach_have_texels() {
             let gap = if i % 2 == 0 { 0.15 } else { 0.0 };
             soup.quad(Vec3::new(i as f32, 0.0, gap), Vec3::Y, Vec3::Z * 0.85, grey);
         }
+        // A block on the floor, without a bottom: from within it sees the floor, which is lit as a whole.
+        let (low, [x, y, z]) = (Vec3::new(0.3, 0.0, 0.4), Vec3::AXES.map(|axis| axis * 0.3));
+        for (corner, u, v) in [(low, z, y), (low + x, y, z), (low + y, z, x), (low, y, x), (low + z, x, y)] {
+            soup.quad(corner, u, v, grey);
+        }
         let bake = Bake::new(ctx, &soup.0, plain(), at_density(4.0)).unwrap();
         let mut sides: Vec<_> = bake.charts().faces.iter().map(|face| (face.triangle, face.back)).collect();
         sides.sort_unstable();
         sides.dedup();
-        // The room's sides from within, and both of each of the walls; not the room from outside.
-        assert_eq!(sides.len(), 12 + 6 * 2 * 2, "{sides:?}");
-        assert!(sides.iter().filter(|(triangle, _)| *triangle < 12).all(|(_, back)| !back), "{sides:?}");
+        // The room's sides from within, both of each of the walls, and the block's from outside; not the room from outside.
+        assert_eq!(sides.len(), 12 + 6 * 2 * 2 + 5 * 2, "{sides:?}");
+        let block = soup.0.triangles.len() as u32 - 10;
+        assert!(
+            sides.iter().filter(|(triangle, _)| *triangle < 12 || *triangle >= block).all(|(_, back)| !back),
+            "{sides:?}"
+        );
     });
 }
 
@@ -574,6 +583,8 @@ fn backs_of_lamps_do_not_shine_in_the_model() {
                 continue;
             }
             let is_front = (b - a).cross(c - a).y < 0.0;
+            // The back lies apart, a hair's breadth above.
+            assert!(if is_front { a.y == 1.6 } else { a.y > 1.60001 }, "{a}");
             let emission = model.materials[triangle.material as usize].emission;
             assert_eq!(emission != Vec3::ZERO, is_front, "{emission}");
             *if is_front { &mut shining } else { &mut dark } += 1;
