@@ -49,7 +49,9 @@ impl<'a> Space<'a> {
     }
 
     fn cell(&self, point: Vec3) -> IVec3 {
-        ((point - self.low) / self.width).floor().as_ivec3()
+        // Those beyond the grid lie just beyond it.
+        let cell = ((point - self.low) / self.width).floor();
+        cell.clamp(Vec3::splat(-2.0), self.size.as_vec3() + 1.0).as_ivec3()
     }
 
     fn centre(&self, cell: IVec3) -> Vec3 {
