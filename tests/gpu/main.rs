@@ -5,6 +5,7 @@
 use lightsum::conform::{lobe_tables, rig};
 
 mod bake;
+mod bake_files;
 mod caustics;
 mod checks;
 mod convolve;
