@@ -140,7 +140,7 @@ def write_diffuse(description, folder):
             if keyword != "f" or name not in glass:
                 lines.append(line)
         model.write_text("\n".join(lines) + "\n")
-    print(folder / source.name, "without", ", ".join(sorted(glass)) or "faces of glass, which it has not")
+    print(folder / source.name, "without", ", ".join(sorted(glass)) or "changes of its faces")
 
 
 def baked(image, samples, seed):
@@ -194,7 +194,7 @@ def main():
     if args.diffuse:
         return write_diffuse(args.scene, args.diffuse)
     if not args.model or not args.density:
-        parser.error("which model, and which density?")
+        parser.error("a model and --density are needed")
     height, width, _ = read_map(args.model).shape
     # A path of n segments from the eye has n - 1 after the texel, and Cycles counts the bounces between them.
     image = prepare(args.model, (width, height), args.max_depth - 2)

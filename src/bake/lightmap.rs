@@ -145,8 +145,7 @@ pub(crate) struct Seen {
 
 /// The sides that rays from a texel meet first; `None`: the ray leaves the scene. The density of the rays goes by the cosine.
 pub(crate) fn seen(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl Iterator<Item = Option<Seen>> {
-    let normal = at(bvh, leaves, texel).1;
-    let origin = origin(bvh, leaves, texel);
+    let (origin, normal) = origin(bvh, leaves, texel);
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     (0..rays).map(move |i| {
         let [u, v] = hammersley(i, rays);
@@ -160,8 +159,8 @@ pub(crate) fn seen(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl 
 
 /// The middles of rays from a texel along its side, of those that meet something: a thin gap lies open to its rim alone.
 pub(crate) fn beside(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> impl Iterator<Item = Vec3> {
-    let origin = origin(bvh, leaves, texel);
-    let (tangent, bitangent) = at(bvh, leaves, texel).1.any_orthonormal_pair();
+    let (origin, normal) = origin(bvh, leaves, texel);
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
     (0..rays).filter_map(move |i| {
         let (sin, cos) = (std::f32::consts::TAU * (i as f32 + 0.5) / rays as f32).sin_cos();
         let direction = tangent * cos + bitangent * sin;
@@ -170,10 +169,10 @@ pub(crate) fn beside(bvh: &Bvh, leaves: &[u32], texel: &Texel, rays: u32) -> imp
     })
 }
 
-/// The point of a texel, off its side as far as rays that start there.
-pub(crate) fn origin(bvh: &Bvh, leaves: &[u32], texel: &Texel) -> Vec3 {
+/// The point of a texel, off its side as far as rays that start there, and the normal of the side.
+pub(crate) fn origin(bvh: &Bvh, leaves: &[u32], texel: &Texel) -> (Vec3, Vec3) {
     let (hit, normal) = at(bvh, leaves, texel);
-    offset_origin(bvh.position(&hit), normal, bvh.scale())
+    (offset_origin(bvh.position(&hit), normal, bvh.scale()), normal)
 }
 
 /// The point of a texel, and the normal of its side.

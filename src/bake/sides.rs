@@ -151,7 +151,7 @@ fn spread(
 ) -> Result<()> {
     let bvh = Bvh::build(scene)?;
     let leaves = bvh.leaf_numbers();
-    let origin = |probe: &Texel| lightmap::origin(&bvh, &leaves, probe);
+    let origin = |probe: &Texel| lightmap::origin(&bvh, &leaves, probe).0;
     let points: Vec<Vec3> = reached.par_iter().map(origin).collect();
     let space = Space::new(&bvh, scene, &points);
     let mut dark = Vec::with_capacity(probes.len());

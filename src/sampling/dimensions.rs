@@ -45,7 +45,7 @@
 //! | [`SPLAT`]   | scrambling of the points of the particles of splats: dimension, 0 |
 //! | [`SPLAT_SIDE`] | side of a two-sided emitter: particle, 0                |
 //! | [`SPLAT_LOBE`], [`SPLAT_COMPONENT`], [`SPLAT_ROULETTE`] | diffuse or specular; transmission, reflection or base; absorption: particle, bounces |
-//! | [`AIM`]     | start of the points of rays towards near emitters: 0, dimension |
+//! | [`AIM`]     | start of the points of rays towards near emitters: 0, dimension; from hits of near rays: pixel, 2 and 3; beside gather rays: pixel, dimension |
 //! | [`BLUR`] | first sample of wide windows of motion blur: 0, 0; rows of segments: 0, 1 |
 
 use super::halton::PRIMES;
