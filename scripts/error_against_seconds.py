@@ -249,7 +249,7 @@ def plot(files, out):
             if points:
                 axis.plot(*zip(*points), color=colour, marker=marker, markersize=4, linewidth=1, label=who)
         least = min(row["seconds"] for row in data["rows"])
-        limits = {"xlim": (0.3, 60)} if least > 0.2 else {}
+        limits = {"xlim": (0.15, 60)} if least > 0.1 else {}
         axis.set(xscale="log", yscale="log", title=data["title"], xlabel="seconds", ylim=(0.01, 2), **limits)
         axis.grid(True, which="both", linewidth=0.3)
     for line in axes:
