@@ -11,7 +11,7 @@
 #include "targets.wgsl"
 
 @group(0) @binding(1) var<storage, read> emitters: array<EmitterRecord>;
-// Two for each target: centre, radius; weight, area, bits of first and end of its triangles.
+// See targets.wgsl.
 @group(0) @binding(2) var<storage, read> targets: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read_write> ray_origin: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> ray_direction: array<vec4<f32>>;  // w: bounces of the light that it left, or WITHOUT_AREA
@@ -123,7 +123,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let of_sphere = select(start.origin, on_disc, parallel);
 
     // A sparse target that is far enough: a point on its triangles, of which a search by halves finds one.
-    let begin = bitcast<u32>(parts.z);
+    let begin = first_triangle(parts);
     let end = bitcast<u32>(parts.w);
     let by_area = aims_by_area(sphere, parts, to, parallel);
     let at = u[0] * parts.y;

@@ -322,8 +322,8 @@ impl DeviceScene {
             lights_are_complete: !scene.emitters_are_lights,
             bvh,
         };
-        device_scene.update_targets(context, staging, scene)?;
         device_scene.update_mirrors(context, staging, scene)?;
+        device_scene.update_targets(context, staging, scene)?;
         Ok(device_scene)
     }
 

@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::gpu::{Context, Staging};
 use crate::light::emitters::Emitters;
 use crate::light::mirrors::Mirrors;
-use crate::light::targets::{TargetTriangle, Targets};
+use crate::light::targets::{PLANAR, TargetTriangle, Targets};
 use crate::pass::layout::{MaterialRecord, PointLight};
 use crate::scene::reflectors::Reflector;
 use crate::scene::surfaces::Surfaces;
@@ -119,8 +119,8 @@ impl DeviceScene {
             }
             if !touched.moved.is_empty() || !touched.materials.is_empty() {
                 replaced |= self.update_reflectors(context, staging, scene)?;
-                replaced |= self.update_targets(context, staging, scene)?;
                 replaced |= self.update_mirrors(context, staging, scene)?;
+                replaced |= self.update_targets(context, staging, scene)?;
             }
         }
         if let Some(alpha) =
@@ -139,15 +139,16 @@ impl DeviceScene {
         Ok(Update { replaced, delta: other_delta, changes, light_seconds, staging_seconds })
     }
 
-    /// Finds and stages the targets of photons. Returns whether buffers were replaced; passes that bind them must then
+    /// Finds and stages the targets of photons, after the planar mirrors. Returns whether buffers were replaced; passes that bind them must then
     /// be made anew.
     pub(super) fn update_targets(&mut self, context: &Context, staging: &mut Staging, scene: &Scene) -> Result<bool> {
         let sizes = |targets: &Targets| (targets.list.len(), targets.triangles.len());
         let before = sizes(&self.targets);
-        self.targets = Targets::of(scene, &self.bvh);
+        self.targets = Targets::of(scene, &self.bvh, &self.mirrors);
         let targets = &self.targets;
         let records = targets.list.iter().flat_map(|t| {
-            let ends = [t.triangles.start, t.triangles.end].map(|i| f32::from_bits(i as u32));
+            let planar = if t.planar { PLANAR } else { 0 };
+            let ends = [t.triangles.start as u32 | planar, t.triangles.end as u32].map(f32::from_bits);
             [t.sphere.center.extend(t.sphere.radius).to_array(), [t.weight, t.area, ends[0], ends[1]]]
         });
         let records: Vec<[f32; 4]> = records.collect();

@@ -10,6 +10,9 @@
 //!                        w_t = rho_t r_t^2 for parallel light
 //! ```
 //!
+//! Where planar mirrors reflect virtual lights ([`crate::light::mirrors`]), photons bring only what they reflect on to other mirrors and glass:
+//! a target of such mirrors alone has [`MIRRORED`] of its weight then, so that more photons pass through glass.
+//!
 //! A target whose area fills its sphere, A_t / (4 pi R_t^2) >= [`FILLS`], is aimed at by its sphere, r_t = R_t: in a direction uniform in
 //! the cone of solid angle Omega around it; from inside the sphere, in a direction distributed as the emission. A sparse one is aimed
 //! at by its triangles, r_t^2 = A_t / (2 pi), from points farther away than [`FAR`] radii: at a point uniform on its area, at the distance d
@@ -32,6 +35,7 @@ use crate::accel::{Bvh, unit_normal};
 use crate::bsdf::{basis, sample_diffuse};
 use crate::light::cosine;
 use crate::light::emitters::{Emitters, Kind, Start};
+use crate::light::mirrors::Mirrors;
 use crate::pass::layout::PointLight;
 use crate::pass::shade::light_towards;
 use crate::scene::{Scene, Surface, Texture};
@@ -52,6 +56,13 @@ pub const FAR: f32 = 4.0;
 
 /// Targets of a smaller share of their sphere's area are divided while there are few.
 const STREWN: f32 = 0.05;
+
+/// Factor of the weight of planar mirrors that reflect virtual lights. Higher: fewer photons for caustics of glass. Lower: more noise in light that
+/// meets another mirror or glass after such a mirror.
+pub const MIRRORED: f32 = 0.25;
+
+/// Bit of a target whose triangles are planar mirrors, beside the first of them, as kernels read it.
+pub const PLANAR: u32 = 1 << 31;
 
 /// Minimum mean reflectance in the weight of a triangle, so that none is left out.
 const MIN_REFLECTANCE: f32 = 0.05;
@@ -76,20 +87,29 @@ pub struct Target {
     pub area: f32,
     /// Its triangles in [`Targets::triangles`]; empty unless it is sparse.
     pub triangles: Range<usize>,
+    /// Whether all its triangles are planar mirrors that may reflect virtual lights.
+    pub planar: bool,
 }
 
 impl Target {
+    /// Factor of its weight.
+    fn part(&self, mirrored_lights: bool) -> f32 {
+        if self.planar && mirrored_lights { MIRRORED } else { 1.0 }
+    }
+
     /// Whether a sparse target is aimed at by its triangles from a point, `to` its centre.
     fn is_far(&self, to: Vec3) -> bool {
         let reach = FAR * self.sphere.radius;
         to.length_squared() >= reach * reach
     }
 
-    /// Weight in the choice from a point, on a surface with this normal if it has one.
-    pub fn weight_from(&self, origin: Vec3, normal: Option<Vec3>) -> f32 {
+    /// Weight in the choice from a point, on a surface with this normal if it has one. `mirrored_lights`: planar mirrors reflect virtual lights.
+    pub fn weight_from(&self, origin: Vec3, normal: Option<Vec3>, mirrored_lights: bool) -> f32 {
         let (to, radius) = (self.sphere.center - origin, self.sphere.radius);
         let by_sphere = !self.triangles.is_empty() && !self.is_far(to);
-        let weight = self.weight * if by_sphere { TAU * (radius * radius) / self.area } else { 1.0 };
+        let weight = self.weight
+            * self.part(mirrored_lights)
+            * if by_sphere { TAU * (radius * radius) / self.area } else { 1.0 };
         let distance2 = to.length_squared();
         weight / distance2.max(radius * radius) * normal.map_or(1.0, |normal| greatest_cosine(to, radius, normal))
     }
@@ -146,7 +166,7 @@ pub struct Shot {
 
 impl Targets {
     /// Finds the bodies. More than [`MAX_TARGETS`] are grouped by position.
-    pub fn of(scene: &Scene, bvh: &Bvh) -> Targets {
+    pub fn of(scene: &Scene, bvh: &Bvh, mirrors: &Mirrors) -> Targets {
         let ideal: Vec<u32> = (0..bvh.triangle_count())
             .filter(|&i| scene.materials[bvh.material(i) as usize].surface != Surface::Opaque)
             .collect();
@@ -189,6 +209,8 @@ impl Targets {
                 }));
             }
             let r2 = if sparse { areas / TAU } else { sphere.radius * sphere.radius };
+            let planar =
+                triangles.iter().all(|&i| mirrors.of_triangle.get(i as usize).is_some_and(|&mirror| mirror > 0));
             let number = targets.list.len() as u32 + 1;
             triangles.iter().for_each(|&i| targets.of_triangle[i as usize] = number);
             targets.list.push(Target {
@@ -196,6 +218,7 @@ impl Targets {
                 weight: rho * r2,
                 area: areas,
                 triangles: first..targets.triangles.len(),
+                planar,
             });
         }
         targets
@@ -208,13 +231,13 @@ impl Targets {
     }
 
     /// Shoots a photon from a start (its ray may begin at `origin`) by three numbers in [0, 1): one for the target, two for the
-    /// direction. `None` if all targets are behind the emitter.
+    /// direction. `None` if all targets are behind the emitter. `mirrored_lights`: see [`Target::weight_from`].
     pub fn shoot(
         &self,
         emitters: &Emitters,
         start: &Start,
         origin: Vec3,
-        choice: f32,
+        (choice, mirrored_lights): (f32, bool),
         leave: [f32; 2],
     ) -> Option<Shot> {
         let e = &emitters.list[start.emitter as usize];
@@ -226,7 +249,7 @@ impl Targets {
             _ => (e.radiance / e.probability, e.e1.length()),
         };
         let axis = start.normal;
-        let (target, p) = self.choose(origin, oriented.then_some(start.normal), parallel, choice)?;
+        let (target, p) = self.choose(origin, oriented.then_some(start.normal), parallel, (choice, mirrored_lights))?;
         let sphere = self.list[target].sphere;
         let shot = |origin: Vec3, direction: Vec3, flux: Vec3| {
             Some(Shot { aim: target as u32 + 1, origin, direction, flux: flux / p })
@@ -264,7 +287,7 @@ impl Targets {
     }
 
     /// Shoots a photon from a virtual light, as [`Targets::shoot`]; its flux is that of this light alone.
-    pub fn shoot_from(&self, light: &PointLight, choice: f32, leave: [f32; 2]) -> Option<Shot> {
+    pub fn shoot_from(&self, light: &PointLight, choice: (f32, bool), leave: [f32; 2]) -> Option<Shot> {
         let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
         let (origin, normal) = (xyz(light.position), xyz(light.normal));
         let (target, p) = self.choose(origin, Some(normal), false, choice)?;
@@ -302,9 +325,19 @@ impl Targets {
 
     /// Chooses a target for a start, by solid angle (for parallel light: by area), and the probability of the choice. `normal`: of
     /// the surface that emits.
-    fn choose(&self, origin: Vec3, normal: Option<Vec3>, parallel: bool, choice: f32) -> Option<(usize, f32)> {
+    fn choose(
+        &self,
+        origin: Vec3,
+        normal: Option<Vec3>,
+        parallel: bool,
+        (choice, mirrored_lights): (f32, bool),
+    ) -> Option<(usize, f32)> {
         let weight = |target: &Target| {
-            if parallel { target.weight } else { target.weight_from(origin, normal) }
+            if parallel {
+                target.weight * target.part(mirrored_lights)
+            } else {
+                target.weight_from(origin, normal, mirrored_lights)
+            }
         };
         let weights: Vec<f32> = self.list.iter().map(weight).collect();
         let sum: f32 = weights.iter().sum();

@@ -47,12 +47,13 @@ impl PhotonLights {
 }
 
 /// Oracle: the weight of a light.
-pub fn weight(light: &PointLight, targets: &Targets) -> f32 {
+pub fn weight(frame: &FrameParameters, light: &PointLight, targets: &Targets) -> f32 {
     let xyz = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
     let glossy = light.position[3].to_bits() & PointLight::GLOSSY != 0;
     let gloss = if glossy { mean(xyz(light.flux)) * mean(xyz(light.f0)) * std::f32::consts::FRAC_1_PI } else { 0.0 };
     let (origin, normal) = (xyz(light.position), xyz(light.normal));
-    let seen: f32 = targets.list.iter().map(|target| target.weight_from(origin, Some(normal))).sum();
+    let mirrored = frame.mirrors[2] > 0;
+    let seen: f32 = targets.list.iter().map(|target| target.weight_from(origin, Some(normal), mirrored)).sum();
     (mean(xyz(light.emit)) + gloss) * seen
 }
 

@@ -4,11 +4,12 @@
 //! photons stored, and r the radius of the parameters,
 //!
 //! ```text
-//! r' = r sqrt(EXPECTED N / n)       at least r, at most WIDEST r
+//! r' = r sqrt(EXPECTED N / n)       at least r, at most WIDEST r, if n <= MANY N
+//! r' = r sqrt(MANY N / n)           at least NARROWEST r, otherwise
 //! ```
 //!
-//! so that n photons cover at least the area that a usual number of them covers, and none is a spot; where they are dense `photon_width`
-//! narrows them. The pass changes [`FrameParameters::photon`] on the device. Not where the radius is set by hand.
+//! so that n photons cover at least the area that a usual number of them covers, and none is a spot; and so that look-ups where most photons are
+//! stored, before glass that fills the targets of the lights, do not visit more of them than elsewhere. Where they are dense `photon_width` narrows them further. The pass changes [`FrameParameters::photon`] on the device. Not where the radius is set by hand.
 //!
 //! Cost: 16 bytes for each photon, by one workgroup.
 
@@ -19,8 +20,12 @@ use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Share of the photons that are stored from which on the radius is not widened.
 pub const EXPECTED: f32 = 0.05;
+/// Share of the photons that are stored from which on the radius is narrowed. Higher: slower look-ups. Lower: single photons show.
+pub const MANY: f32 = 0.1;
 /// Maximum factor of the radius. Higher: fainter spots, and more of the light of photons fades at edges.
 pub const WIDEST: f32 = 3.0;
+/// Minimum factor of the radius. Lower: single photons show on walls.
+pub const NARROWEST: f32 = 0.5;
 
 /// The pass.
 pub struct PhotonRadius {
@@ -47,6 +52,7 @@ pub fn reference(frame: &FrameParameters, stored: usize) -> [f32; 4] {
         return frame.photon;
     }
     let count = (frame.photons[0] * frame.pattern[2]) as f32;
-    let wide = (EXPECTED * count / stored.max(1) as f32).sqrt().clamp(1.0, WIDEST);
+    let ratio = count / stored.max(1) as f32;
+    let wide = (EXPECTED * ratio).sqrt().clamp(1.0, WIDEST) * (MANY * ratio).sqrt().clamp(NARROWEST, 1.0);
     [r * wide, half / wide, share / (wide * wide), bits]
 }

@@ -103,6 +103,7 @@ pub fn reference(
     let u = photon_numbers(frame, photon);
     let (each, from_emitters) = (frame.photons[0], frame.photon[3].to_bits());
     let times = |part: u32| each as f32 / part as f32;
+    let choice = (u[4], frame.mirrors[2] > 0);
     let (shot, times, bounces) = if photon / frame.pattern[2] < from_emitters {
         let side = random_f32(key(frame.keys[0], PHOTON_SIDE, photon, 0));
         let start = emitters.sample_start(textures, u[2], u[3], side);
@@ -114,11 +115,11 @@ pub fn reference(
                 (offset_origin(start.position, start.normal, frame.eye[3]), 0.0)
             }
         };
-        (targets.shoot(emitters, &start, origin, u[4], [u[0], u[1]])?, times(from_emitters), left)
+        (targets.shoot(emitters, &start, origin, choice, [u[0], u[1]])?, times(from_emitters), left)
     } else {
         let (pick, chance) = photon_lights::choose(frame, sums, class_of(frame, photon), u[2]);
         let light = &lights[pick];
-        let shot = targets.shoot_from(light, u[4], [u[0], u[1]])?;
+        let shot = targets.shoot_from(light, choice, [u[0], u[1]])?;
         (shot, times(each - from_emitters) / chance, light.f0[3])
     };
     let ray = Ray { origin: shot.origin, t_max: 3.0e38, direction: shot.direction };

@@ -61,7 +61,7 @@ fn check_weights(rig: &Rig, what: &str, lights: &[PointLight]) -> Vec<f32> {
     for class in 0..classes {
         let mut sum = 0.0;
         for i in (class * each + first)..(class + 1) * each {
-            sum += f64::from(photon_lights::weight(&lights[i as usize], &rig.engine.device_scene().targets));
+            sum += f64::from(photon_lights::weight(p, &lights[i as usize], &rig.engine.device_scene().targets));
             let found = f64::from(sums[i as usize]);
             assert!(within(found - sum, 1e-4 * sum), "{what}: light {i}: {found} for {sum}");
         }

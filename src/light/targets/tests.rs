@@ -30,7 +30,7 @@ fn bodies_are_triangles_that_share_corners() {
     let scene =
         squares(&[Vec3::ZERO, Vec3::new(2.0, 0.0, 2.0), Vec3::new(8.0, 0.0, 0.0), Vec3::new(0.0, -1.0, 0.0)], vec![]);
     let bvh = Bvh::build(&scene).unwrap();
-    let targets = Targets::of(&scene, &bvh);
+    let targets = Targets::of(&scene, &bvh, &Mirrors::default());
     assert_eq!(targets.list.len(), 2);
     let of_scene_triangle =
         |t: u32| (0..8).find(|&i| bvh.scene_triangle(i) == t).map(|i| targets.of_triangle[i as usize]).unwrap();
@@ -50,7 +50,7 @@ fn many_bodies_are_grouped_by_place() {
     middles.push(Vec3::NEG_Y);
     let scene = squares(&middles, vec![]);
     let bvh = Bvh::build(&scene).unwrap();
-    let targets = Targets::of(&scene, &bvh);
+    let targets = Targets::of(&scene, &bvh, &Mirrors::default());
     assert_eq!(targets.list.len(), MAX_TARGETS);
     for i in 0..bvh.triangle_count() {
         let mirror = scene.materials[bvh.material(i) as usize].surface == Surface::Mirror;
@@ -65,21 +65,27 @@ fn many_bodies_are_grouped_by_place() {
     }
 }
 
-/// Flux from a light to the mirrors, by photons.
-fn arriving(scene: &Scene, count: u32) -> f32 {
+/// Flux from a light to the mirrors, by photons, as if the first square reflected virtual lights; and the share of the photons aimed at it.
+fn arriving(scene: &Scene, count: u32, mirrored_lights: bool) -> (f32, f32) {
     let bvh = Bvh::build(scene).unwrap();
     let emitters = Emitters::of(scene, true).unwrap();
-    let targets = Targets::of(scene, &bvh);
-    let sum: f64 = (0..count)
-        .filter_map(|i| {
-            let start = emitters.sample_start(&[], halton(2, i), halton(3, i), 1.0);
-            let origin = offset_origin(start.position, start.normal, 1.0);
-            let shot = targets.shoot(&emitters, &start, origin, halton(4, i), [halton(0, i), halton(1, i)])?;
-            let hit = bvh.closest(&Ray::new(shot.origin, shot.direction))?;
-            targets.meets(shot.aim, hit.triangle).then_some(f64::from(shot.flux.x))
-        })
-        .sum();
-    (sum / f64::from(count)) as f32
+    let of_triangle = (0..bvh.triangle_count()).map(|i| u32::from(bvh.scene_triangle(i) < 2)).collect();
+    let targets = Targets::of(scene, &bvh, &Mirrors { of_triangle, ..Mirrors::default() });
+    let (mut sum, mut at_first) = (0.0, 0);
+    for i in 0..count {
+        let start = emitters.sample_start(&[], halton(2, i), halton(3, i), 1.0);
+        let origin = offset_origin(start.position, start.normal, 1.0);
+        let leave = [halton(0, i), halton(1, i)];
+        let Some(shot) = targets.shoot(&emitters, &start, origin, (halton(4, i), mirrored_lights), leave) else {
+            continue;
+        };
+        let Some(hit) = bvh.closest(&Ray::new(shot.origin, shot.direction)) else { continue };
+        if targets.meets(shot.aim, hit.triangle) {
+            sum += f64::from(shot.flux.x);
+            at_first += u32::from(bvh.scene_triangle(hit.triangle) < 2);
+        }
+    }
+    ((sum / f64::from(count)) as f32, at_first as f32 / count as f32)
 }
 
 /// Solid angle of a square of half side `a` seen from height `h` above its centre.
@@ -112,8 +118,12 @@ fn the_flux_that_arrives_is_what_the_light_sends() {
             3.0 * (2.0 * angle + side_angle(Vec3::new(-6.0, 1.0, 0.0)) + side_angle(Vec3::new(6.0, 3.0, 0.0))),
         ),
     ] {
-        let found = arriving(&scene, 20_000);
+        let [(found, often), (mirrored, seldom)] = [false, true].map(|mirrored| arriving(&scene, 20_000, mirrored));
         assert!((found / expected - 1.0).abs() < 0.01, "{what}: {found} for {expected}");
+        assert!((mirrored / expected - 1.0).abs() < 0.02, "{what}, mirrored lights: {mirrored} for {expected}");
+        // Beside another target fewer photons go to a mirror whose reflection is left to mirrored lights.
+        let several = scene.triangles.len() > 4;
+        assert_eq!(seldom < 0.9 * often, several, "{what}: {seldom} of the photons, {often} without mirrored lights");
     }
 }
 
@@ -136,19 +146,19 @@ fn a_long_body_is_divided_and_gets_the_same_flux() {
     let expected: f32 = middles.iter().map(|&middle| 3.0 * side_angle(at - middle)).sum();
     middles.push(Vec3::NEG_Y);
     let scene = squares(&middles, vec![Light::Point { position: at, intensity: Vec3::splat(3.0) }]);
-    let targets = Targets::of(&scene, &Bvh::build(&scene).unwrap());
+    let targets = Targets::of(&scene, &Bvh::build(&scene).unwrap(), &Mirrors::default());
     assert!(targets.list.len() > 1, "{:?}", targets.list);
     assert_eq!(targets.triangles.len(), 20);
-    let found = arriving(&scene, 20_000);
+    let (found, _) = arriving(&scene, 20_000, false);
     assert!((found / expected - 1.0).abs() < 0.01, "{found} for {expected}");
     // Nearly every photon arrives, of those that are aimed at triangles from far enough.
     let far = Vec3::new(6.0, 40.0, 1.0);
     let scene = squares(&middles, vec![Light::Point { position: far, intensity: Vec3::splat(3.0) }]);
     let bvh = Bvh::build(&scene).unwrap();
-    let (emitters, targets) = (Emitters::of(&scene, true).unwrap(), Targets::of(&scene, &bvh));
+    let (emitters, targets) = (Emitters::of(&scene, true).unwrap(), Targets::of(&scene, &bvh, &Mirrors::default()));
     let start = emitters.sample_start(&[], 0.5, 0.5, 1.0);
     let meets = |i: u32| {
-        let shot = targets.shoot(&emitters, &start, far, halton(4, i), [halton(0, i), halton(1, i)]).unwrap();
+        let shot = targets.shoot(&emitters, &start, far, (halton(4, i), false), [halton(0, i), halton(1, i)]).unwrap();
         bvh.closest(&Ray::new(far, shot.direction)).is_some_and(|hit| targets.meets(shot.aim, hit.triangle))
     };
     assert!((0..1000).filter(|&i| meets(i)).count() > 990);

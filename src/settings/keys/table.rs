@@ -143,8 +143,8 @@ keys! {
     photons: u32 = Key::count("--photons", LIGHT, 0, Settings::MAX_PHOTONS as u64).or_by("27000 over all classes; with --preset interactive: 13500");
     /// Radius of the photon density estimate, in scene units; auto: by the size of what is seen and --photons.
     ///
-    /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, so that the blur vanishes,
-    /// and photons have smaller ones where they are dense; a given radius is that of all, and stays.
+    /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, and
+    /// photons have smaller ones where they are dense, over some six of them; a given radius is that of all, and stays.
     photon_radius: Option<f32> = Key::above_0("--photon-radius", LIGHT, "R|auto", f32::MAX)
         .also(&[("auto", "By the size of what is seen and --photons")]).nothing_is("auto").or_by("auto");
     /// Light each class of pixels by its own photons only, in place of all of them.
