@@ -281,7 +281,7 @@ pub struct Settings {
     pub photons: u32,
     /// Radius of the photon density estimate, in scene units. Default `None`: 0.8 of the size of what the view shows over
     /// sqrt(photons), at most 1/15 of that size, shrinking with the fourth root of the passes.
-    /// Up to three times that where few photons are stored, half of it where many are ([`crate::pass::photon_radius`]), and less where they are dense
+    /// Up to three times that where few photons are stored, down to half of it where many are ([`crate::pass::photon_radius`]), and less where they are dense
     /// ([`crate::pass::photon_width`]), where the blur of some six photons stays. A given radius is that of all photons, and is kept. Larger: less noise, more blur, and more
     /// photons to visit.
     pub photon_radius: Option<f32>,

@@ -17,8 +17,7 @@
 //! not stored.
 //!
 //! Differs from the paper in that: the paper does not say how it chooses components.
-//! Bias: light over more mirrors and glass surfaces is missing. So are caustics of indirect light: its photons would
-//! have to start from virtual lights.
+//! Bias: light over more mirrors and glass surfaces is missing.
 //!
 //! Cost: for each photon still in flight 220 bytes, 300 operations and one ray of `trace`.
 
