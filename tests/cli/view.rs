@@ -47,8 +47,9 @@ pub struct Display {
 
 impl Display {
     pub fn open() -> Display {
+        // Without -noreset the server starts anew when its last client leaves, and refuses the next one meanwhile.
         let mut server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp"])
+            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp", "-noreset"])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
