@@ -112,12 +112,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = select(listed, at_pixel.x + at_pixel.y * frame.size.x, first_hit);
-    // The slot of the second component, `step.split` after that of the pixel, has no throughput unless the path splits.
-    let splits = first_hit && step.split > 0u;
-    let branch = slot + step.split;
-    if splits {
-        throughput[branch] = vec4<f32>(0.0);
-        emitted[branch] = vec4<f32>(0.0);
+    // The slots of further components have no throughput unless the path splits.
+    let splits = first_hit && step.components > 1u;
+    for (var i = 1u; first_hit && i < step.components; i += 1u) {
+        throughput[slot + i * frame.size.z] = vec4<f32>(0.0);
+        emitted[slot + i * frame.size.z] = vec4<f32>(0.0);
     }
     let hit = hits[slot];
     let triangle = bitcast<u32>(hit.w);
@@ -127,7 +126,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // For a glossy plane seen directly the second component is the mirror image; the lobe is applied to it later.
     // Within a mirror image a path takes the base or the mirror image of further glossy planes at random.
     let mirrors = frame.superposition.x > 0u;
-    let pixel = select(slot, slot - frame.size.z, slot >= frame.size.z);
+    let pixel = pixel_of(slot);
     let shows = select(0u, region[select(0u, pixel, mirrors)], mirrors && !first_hit);
     let image_is_first = reflectors[max(shows, 1u) - 1u].z == FROSTED_PANE;
     let in_image = shows > 0u && image_is_first == (slot < frame.size.z);
@@ -191,13 +190,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             split = split_of_lobe(s, -ray.xyz, fits, numbers.xy);
         }
 
-        // Follows both components, or one at random.
+        // Follows both components as long as slots are free, or one at random.
         // Nothing averages what neighbours see in mirrors and glass: each chooses for itself.
         let own = own_number(slot, step.bounce);
-        let takes_first = splits || select(own, numbers.z, shiny) < split.probability;
+        let free = select(free_component(met.w), 1u, splits);
+        let is_ideal = plane == 0u && !shiny;
+        let follows_both = splits || (free > 0u && is_ideal && split.probability < 1.0);
+        let branch = pixel + select(1u, free, follows_both) * frame.size.z;
+        let takes_first = follows_both || select(own, numbers.z, shiny) < split.probability;
         let stays = takes_first && split.stays;
         let wi = select(split.second_wi, split.first_wi, takes_first);
-        let chance = select(select(1.0 - split.probability, split.probability, takes_first), 1.0, splits);
+        let chance = select(select(1.0 - split.probability, split.probability, takes_first), 1.0, follows_both);
         let weight = select(select(split.second_weight, split.first_weight, takes_first), vec3<f32>(1.0), stays);
         // Where the path stays `eye_points` applies the share.
         let share = select(1.0, path_share(lobe_before, lights_on_surfaces(), distance2, cos_hit), shiny && !stays);
@@ -213,7 +216,24 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let longer = select(segments, min(segments + 1u, 15u), goes_on && (from_lobe || shiny));
         let unlikely = flag_if(UNLIKELY, has_flag(met.w, UNLIKELY) || (chance < 0.5 && !shiny));
         let chose = flag_if(CHOSE, has_flag(met.w, CHOSE) || (chance < 1.0 && !shiny));
-        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled | unlikely | chose | flag_if(NARROW_LOBE, has_flag(met.w, NARROW_LOBE));
+        let is_deep = step.bounce > 1u;
+        let deep = flag_if(DEEP, has_flag(met.w, DEEP) || (is_deep && goes_on));
+        let narrow = flag_if(NARROW_LOBE, has_flag(met.w, NARROW_LOBE));
+        // Faint lobes are followed by some classes only.
+        let follow = select(1.0, lobe_chance(split.second_weight, width_of(s.reflectance.alpha)), shiny);
+        let may_follow = numbers.z < follow && (fits || !from_lobe);
+        let second = select(vec3<f32>(0.0), before.xyz * split.second_weight / follow, may_follow);
+        // Where images with depth show the mirror image no ray is needed.
+        let has_images = frame.superposition.z != 0u && plane > 0u;
+        let by_image = has_images && reprojected[select(0u, pixel, has_images)].w > 0.0;
+        let branches = follows_both && !by_image && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0;
+        // The slots that are left are for the path itself, or for the other one if it ends here; none beyond an image that is spread.
+        let taken = select(free, free + 1u, branches);
+        let left = select(0u, taken, free > 0u && taken < step.components && plane == 0u && !frosted);
+        let here = select(select(free_component(met.w), 0u, branches), left, goes_on);
+        let left_here = flag_if(here * ONE_FREE, here > 0u);
+        let left_there = flag_if(left * ONE_FREE, !goes_on && left > 0u);
+        let met_flags = flag_if(longer * ONE_SEGMENT, longer > 0u) | without_lobe | sampled | unlikely | chose | deep | narrow | left_here;
         emitted[slot] = vec4<f32>(met.xyz + select(emission, vec3<f32>(0.0), frosted), bitcast<f32>(met_flags));
         if goes_on && (from_lobe || shiny) {
             let density = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, wi);
@@ -231,19 +251,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             media[slot] = select(inside, beyond, takes_first && split.crosses);
             go_on(slot, s, wi, ray.w);
         }
-        // Faint lobes are followed by some classes only.
-        let follow = select(1.0, lobe_chance(split.second_weight, width_of(s.reflectance.alpha)), shiny);
-        let second = select(vec3<f32>(0.0), before.xyz * split.second_weight / follow, numbers.z < follow);
-        // Where images with depth show the mirror image no ray is needed.
-        let has_images = frame.superposition.z != 0u && plane > 0u;
-        let by_image = has_images && reprojected[select(0u, pixel, has_images)].w > 0.0;
-        if splits && !by_image && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0 {
+        if branches {
             throughput[branch] = vec4<f32>(second, depth);
             media[branch] = inside;
-            if shiny {
-                lobe_of[branch] = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);
-                let narrow = flag_if(NARROW_LOBE, width_of(s.reflectance.alpha) < NARROW);
-                emitted[branch] = vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(flag_if(ONE_SEGMENT, true) | narrow));
+            let in_lobe = shiny || from_lobe;
+            let starts_narrow = flag_if(NARROW_LOBE, shiny && width_of(s.reflectance.alpha) < NARROW);
+            let of_branch = flag_if(min(segments + 1u, 15u) * ONE_SEGMENT, in_lobe) | starts_narrow | narrow | flag_if(DEEP, is_deep) | left_there
+                | flag_if(UNLIKELY, has_flag(met.w, UNLIKELY)) | flag_if(CHOSE, has_flag(met.w, CHOSE));
+            emitted[branch] = vec4<f32>(select(vec3<f32>(0.0), emission, frosted), bitcast<f32>(of_branch));
+            if in_lobe {
+                let density = lobe_density(s.reflectance.alpha, s.shading, -ray.xyz, split.second_wi);
+                lobe_of[branch] = select(0.0, density, shiny);
             }
             go_on(branch, s, split.second_wi, ray.w);
         }

@@ -1,5 +1,5 @@
 // Adds near light, averaged over neighbours of the same class, to the light of its pixels. See pass/near_collect.rs.
-// MEAN: writes the averages in place of adding them.
+// MEAN: writes the averages in place of adding them, but for third components, which have no neighbours.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -13,14 +13,13 @@
 #if MEAN
 @group(0) @binding(5) var<storage, read_write> mean_direct: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> mean_indirect: array<vec4<f32>>;
-#else
-@group(0) @binding(5) var<storage, read_write> direct: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read_write> indirect: array<vec4<f32>>;
-@group(0) @binding(7) var<storage, read_write> specular: array<vec4<f32>>;
 #endif
 @group(0) @binding(8) var<storage, read> seen_position: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read> seen_geometric: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read> seen_wo: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> direct: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read_write> indirect: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read_write> specular: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -65,7 +64,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #if MEAN
     mean_direct[slot] = vec4<f32>(e_direct, own.w);
     mean_indirect[slot] = vec4<f32>(e_indirect, 0.0);
-#else
+    if !is_third(slot) {
+        return;
+    }
+#endif
     // Light through the specular lobe is radiance.
     if own.w == 0.0 {
         direct[slot] += vec4<f32>(e_direct, 0.0);
@@ -73,5 +75,4 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     } else {
         specular[slot] += vec4<f32>(e_direct + e_indirect, 0.0);
     }
-#endif
 }

@@ -25,7 +25,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let slot = list[place];
-    if slot == NO_POINT {
+    // `near_add` has added that of third components.
+    if slot == NO_POINT || is_third(slot) {
         return;
     }
     let size = vec2<i32>(frame.size.xy);

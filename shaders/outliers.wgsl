@@ -82,7 +82,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var component = 0u; component < 2u; component += 1u) {
         let slot = pixel + component * frame.size.z;
         var more = vec3<f32>(0.0);
-        let found = has_flag(point_wo[slot].w, UNLIKELY) && !spreads && mean3(emitted[slot].xyz) > 0.0;
+        let found = has_flag(point_wo[slot].w, UNLIKELY | DEEP) && !spreads && mean3(emitted[slot].xyz) > 0.0;
         // A loop, because it runs zero times if no path of the subgroup found any.
         for (var i = select(0u, 1u, found); i > 0u; i -= 1u) {
             more = excess(at, component * frame.size.z);

@@ -1,4 +1,4 @@
-// Turns the last hits of second components of eye paths into shading points. See pass/split_points.rs.
+// Turns the last hits of second and third components of eye paths into shading points. See pass/split_points.rs.
 #include "frame.wgsl"
 #include "work.wgsl"
 #include "math.wgsl"
@@ -26,25 +26,29 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let ordered = point_step.order != ORDER_ANY;
     let by_screen = point_step.order == ORDER_SCREEN;
-    // The tiles of second components follow those of all pixels.
+    // The tiles of second components follow those of all pixels, and then those of third ones.
     let across = (frame.size.xy + 7u) / 8u;
     let first_tile = across.x * across.y;
     if ordered && index == 0u && lane == 0u {
-        work_out.total = 64u * (first_tile + count);
+        work_out.total = 64u * (first_tile + (point_step.components - 1u) * count);
     }
     let at = pixel_of_tile(tiles[index], lane);
-    let place = select(64u * (first_tile + index) + lane, place_count() + place_of(at), by_screen);
-    if at.x >= frame.size.x || at.y >= frame.size.y {
-        if ordered && !by_screen {
-            list_out[place] = NO_POINT;
+    let inside = at.x < frame.size.x && at.y < frame.size.y;
+    for (var component = 1u; component < point_step.components; component += 1u) {
+        let of_tile = first_tile + (component - 1u) * count + index;
+        let place = select(64u * of_tile + lane, component * place_count() + place_of(at), by_screen);
+        if !inside {
+            if ordered && !by_screen {
+                list_out[place] = NO_POINT;
+            }
+            continue;
         }
-        return;
+        let slot = component * frame.size.z + at.x + at.y * frame.size.x;
+        // A path that did not split has no further component, and no ray.
+        let has_ray = carries(throughput[slot].xyz);
+        let hit = select(vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(0xffffffffu)), hits[slot], has_ray);
+        let ray = select(vec4<f32>(0.0), ray_direction[slot], has_ray);
+        let lit = end_eye_path(slot, ray, hit, point_step.last != 0u);
+        list_point(slot, lit, ordered, place);
     }
-    let slot = frame.size.z + at.x + at.y * frame.size.x;
-    // A path that did not split has no second component, and no ray.
-    let has_ray = carries(throughput[slot].xyz);
-    let hit = select(vec4<f32>(0.0, 0.0, 0.0, bitcast<f32>(0xffffffffu)), hits[slot], has_ray);
-    let ray = select(vec4<f32>(0.0), ray_direction[slot], has_ray);
-    let lit = end_eye_path(slot, ray, hit, point_step.last != 0u);
-    list_point(slot, lit, ordered, place);
 }

@@ -179,6 +179,8 @@ pub struct SpecularFeatures {
     pub splits: bool,
     /// Whether there are mirrors without a diffuse base.
     pub plain_mirrors: bool,
+    /// Whether there is glass.
+    pub glass: bool,
     /// Whether there are surfaces with a specular lobe.
     pub lobes: bool,
     /// Whether there are lobes that eye paths may follow.
@@ -211,6 +213,7 @@ impl SpecularFeatures {
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             ideal.any |= m.surface != Surface::Opaque;
             ideal.plain_mirrors |= m.surface == Surface::Mirror && m.base_color == Vec3::ZERO;
+            ideal.glass |= m.surface == Surface::Glass;
             ideal.lobes |= has_lobe(m);
             ideal.shiny |= is_shiny(m);
             ideal.splits |= match m.surface {

@@ -25,6 +25,7 @@ use crate::pass::outliers::{self, Outliers};
 use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::sparse_windows::SparseWindows;
 use crate::pass::summands::Summands;
+use crate::pass::third_light::ThirdLight;
 use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
@@ -87,6 +88,8 @@ pub struct Frame {
     pub compensation: Option<Compensation>,
     /// Restores it from the irradiance of other pixels.
     pub near_light: Option<NearLight>,
+    /// Adds the light of third components to second ones.
+    pub third_light: Option<ThirdLight>,
     /// Averages irradiance over neighbours on the same surface.
     pub discontinuity: Option<Discontinuity>,
     /// Exchanges irradiance where the filter found few neighbours.
@@ -196,6 +199,10 @@ impl Frame {
         let splats = Splats::new(kit, scene, plan, (&eye, &shade))?;
         let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade), soft_shadows.as_ref())?;
+        let third_light = match plan.eye.slots_of_pixel {
+            3 => Some(ThirdLight::new(kit, &eye.points, &eye.paths, &shade.lighting, &eye.ideal_tiles)?),
+            _ => None,
+        };
         // Kept light has no noise that a filter could take away.
         let filter = settings.filter.filter(|_| kept_light.is_none());
         let (discontinuity, sparse_windows) = match filter {
@@ -319,6 +326,7 @@ impl Frame {
             splats,
             compensation,
             near_light,
+            third_light,
             discontinuity,
             sparse_windows,
             path_gain,
@@ -354,7 +362,8 @@ impl Frame {
     /// Records the part of a pass that shades the points that the eye sees.
     pub fn record_points(&self, rec: &mut Recorder, parameters: &layout::FrameParameters, paths: &Paths) -> Result<()> {
         self.record_light(rec, parameters, paths)?;
-        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_paths(rec, paths))?;
+        self.third_light.run(rec)
     }
 
     /// [`Frame::record_points`] for the pixels of a task: without what their light gives to those of other classes, for [`Frame::record_taken`].
@@ -365,7 +374,8 @@ impl Frame {
         paths: &Paths,
     ) -> Result<()> {
         self.record_light(rec, parameters, paths)?;
-        self.near_light.as_ref().map_or(Ok(()), |near| near.run_means(rec, paths))
+        self.near_light.as_ref().map_or(Ok(()), |near| near.run_means(rec, paths))?;
+        self.third_light.run(rec)
     }
 
     /// Records all light of the points but near light.

@@ -52,7 +52,7 @@
 //!
 //! 1. [`Eye`](stage::Eye): [`camera_rays`](pass::camera_rays) and [`trace`](pass::trace) find the first hits. Tiles of pixels with
 //!    mirrors, glass or narrow lobes ([`tiles`](pass::tiles)) are followed by [`eye_paths`](pass::eye_paths) and [`trace`](pass::trace) in turns,
-//!    split in two where both components count. [`eye_points`](pass::eye_points) and
+//!    split in two or three where several components count. [`eye_points`](pass::eye_points) and
 //!    [`split_points`](pass::split_points) turn hits into shading points on a list, and [`clusters`](pass::clusters) or [`sort`](pass::sort) brings neighbours together. An [`atlas`](pass::atlas) takes the place of
 //!    camera rays where texels are lit. Where images with depth show what glossy planes mirror, [`reproject`](pass::reproject) projects their points
 //!    first, and rays are traced for the rest. [`velocity`](pass::velocity) finds how far what pixels show moves while the shutter is open. [`schedule`](pass::schedule) turns counts into indirect dispatches, here and everywhere.
@@ -78,7 +78,7 @@
 //!    lights their hits, and [`collect`](pass::collect) brings the light back to the pixels. Or
 //!    [`NearLight`](stage::NearLight), once: `near_aim` again,
 //!    [`near_points`](pass::near_points) finds the pixels that show the hits of others, and
-//!    [`near_collect`](pass::near_collect) takes their irradiance.
+//!    [`near_collect`](pass::near_collect) takes their irradiance. [`third_light`](pass::third_light) then joins the third components of eye paths to the second ones.
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface, [`sparse_windows`](pass::sparse_windows)
 //!    exchanges it where there are few of them,
 //!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and

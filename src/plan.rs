@@ -99,8 +99,10 @@ pub struct EyePlan {
     pub pixels: u32,
     /// Maximum consecutive mirrors and glass surfaces.
     pub steps: u32,
-    /// Slots for each pixel: 2 if paths are split.
+    /// Components of each pixel that are filtered and shown: 2 if paths are split.
     pub components: u32,
+    /// Slots of each pixel: as many, and one more for the third component of paths that may split again.
+    pub slots_of_pixel: u32,
     /// Whether they may meet mirrors without a diffuse base.
     pub plain_mirrors: bool,
     /// Whether glossy planes mirror the room.
@@ -118,17 +120,22 @@ pub struct EyePlan {
 /// Maximum number of lobes, mirrors and glass on an eye path in a scene without mirrors and glass.
 const MAX_LOBES: u32 = 3;
 
+/// Largest image whose paths have third components, pixels: an array of 16 bytes a slot then fits the smallest storage buffer that Vulkan
+/// allows a device to have.
+pub const MAX_PIXELS_OF_THREE: u64 = (1 << 27) / 16 / 3;
+
 impl EyePlan {
     /// For a scene with these surfaces. The texels of an atlas and the pixels of a host are shaded as they are: only camera paths follow
     /// mirrors.
     pub fn new(settings: &Settings, specular: SpecularFeatures, view: &View) -> EyePlan {
         let [width, height] = view.size();
         let pixels = width * height;
-        if !matches!(view, View::Camera { .. }) {
+        let View::Camera { camera, .. } = view else {
             return EyePlan {
                 pixels,
                 steps: 0,
                 components: 1,
+                slots_of_pixel: 1,
                 plain_mirrors: false,
                 mirrors: false,
                 panes: false,
@@ -136,7 +143,7 @@ impl EyePlan {
                 images: None,
                 lobes: false,
             };
-        }
+        };
         let spreads = settings.mirroring_planes() > 0;
         let mirrors = specular.spreads() && spreads;
         let panes = specular.frosted_panes && spreads;
@@ -151,17 +158,16 @@ impl EyePlan {
         let plain_mirrors = specular.plain_mirrors && steps > 0;
         let images = settings.mirror_images().filter(|_| mirrors);
         let components = if splits { 2 } else { 1 };
-        EyePlan { pixels, steps, components, plain_mirrors, mirrors, panes, curved, images, lobes }
+        // A part of an image splits as the whole does.
+        let [across, down] = camera.resolution.map(u64::from);
+        let again = splits && specular.glass && steps > 1 && across * down <= MAX_PIXELS_OF_THREE;
+        let slots_of_pixel = components + u32::from(again);
+        EyePlan { pixels, steps, components, slots_of_pixel, plain_mirrors, mirrors, panes, curved, images, lobes }
     }
 
     /// Slots of all shading points of the eye.
     pub fn slots(&self) -> u32 {
-        self.pixels * self.components
-    }
-
-    /// First slot of second components; 0: there are none.
-    pub fn split_offset(&self) -> u32 {
-        if self.components == 2 { self.pixels } else { 0 }
+        self.pixels * self.slots_of_pixel
     }
 }
 
@@ -383,7 +389,7 @@ fn check_choice(settings: &Settings, scene: &DeviceScene) -> Result<()> {
 pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view: &View) -> Result<()> {
     let [width, height] = view.size();
     let eye = EyePlan::new(settings, specular, view);
-    if u64::from(width) * u64::from(height) * u64::from(eye.components) <= MAX_PIXELS {
+    if u64::from(width) * u64::from(height) * u64::from(eye.slots_of_pixel) <= MAX_PIXELS {
         return Ok(());
     }
     Err(Error::Setting {
@@ -509,6 +515,33 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Camera;
+    use crate::view::Region;
+
+    #[test]
+    fn only_images_with_glass_have_third_components_and_parts_have_those_of_the_whole() {
+        let camera = crate::scene::builtin::furnace(0.5, 1.0).camera.expect("the room has one");
+        let view = |resolution| View::whole(Camera { resolution, ..camera });
+        let glass = SpecularFeatures { any: true, splits: true, glass: true, ..SpecularFeatures::default() };
+        let slots = |settings: &Settings, features: SpecularFeatures, view: &View| {
+            let eye = EyePlan::new(settings, features, view);
+            (eye.components, eye.slots_of_pixel)
+        };
+        let defaults = Settings::plain();
+        assert_eq!(slots(&defaults, glass, &view([640, 480])), (2, 3));
+        assert_eq!(slots(&defaults, SpecularFeatures { glass: false, ..glass }, &view([640, 480])), (2, 2));
+        assert_eq!(slots(&Settings { split: false, ..defaults.clone() }, glass, &view([640, 480])), (1, 1));
+        // A path of one step has no second surface.
+        assert_eq!(slots(&Settings { max_specular: 1, ..defaults.clone() }, glass, &view([640, 480])), (2, 2));
+        let large = [1 << 12, 1 << 11];
+        assert!(u64::from(large[0] * large[1]) > MAX_PIXELS_OF_THREE);
+        assert_eq!(slots(&defaults, glass, &view(large)), (2, 2));
+        let part = View::Camera {
+            camera: Camera { resolution: large, ..camera },
+            region: Region { origin: [0, 0], size: [64, 64] },
+        };
+        assert_eq!(slots(&defaults, glass, &part), (2, 2));
+    }
 
     #[test]
     fn no_dispatch_exceeds_the_loop_budget() {

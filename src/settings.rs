@@ -262,8 +262,8 @@ pub struct Settings {
     /// dispatches even if none does. No cost in scenes without mirrors and glass.
     pub max_specular: u32,
     /// Split the eye path at its first surface with two components (glass: transmission and reflection; a mirror over a
-    /// diffuse base), one path for each. Default true. False chooses one at random in each pass: the same limit
-    /// with half the memory and time for such pixels, but noise. No cost in scenes without such surfaces.
+    /// diffuse base), one path for each, and in scenes with glass once more at the next. Default true. False chooses one at random in each pass: the same limit
+    /// with a third to a half of the memory and time for such pixels, but noise. No cost in scenes without such surfaces.
     pub split: bool,
     /// Eye paths follow specular lobes with alpha up to 0.5 as they follow mirrors, in a direction drawn from the lobe, and share the
     /// lobe's light with the virtual lights (balance heuristic). Default true. False leaves lobes to the lights alone, whose

@@ -22,7 +22,7 @@ const SLOT_BYTES: u64 = 16;
 pub fn strips(info: &DeviceInfo, scene: &Scene, camera: &Camera, settings: &Settings) -> Vec<Region> {
     let specular = SpecularFeatures::of(scene, &scene.reflectors());
     let eye = EyePlan::new(settings, specular, &View::whole(*camera));
-    let slots = info.max_storage_buffer_range / SLOT_BYTES / u64::from(eye.components);
+    let slots = info.max_storage_buffer_range / SLOT_BYTES / u64::from(eye.slots_of_pixel);
     cut(camera.resolution, settings, slots)
 }
 

@@ -59,7 +59,7 @@ fn end_eye_path(slot: u32, ray: vec4<f32>, hit: vec4<f32>, only_emits: bool) -> 
     let reaches = carries(carried);
     let lit = met.found && sends && reaches && !only_emits;
     let by_specular = through.w > 0.0;
-    let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | UNLIKELY | CHOSE | 15u * ONE_SEGMENT);
+    let of_path = bitcast<u32>(before.w) & (LOBE_SAMPLED | NARROW_LOBE | UNLIKELY | CHOSE | DEEP | 15u * ONE_SEGMENT);
     let r = met.surface.reflectance;
     let splats = shows_splats(r.alpha) && r.f90 > 0.0 && !met.without_lobe && !has_flag(before.w, LOBE_SAMPLED);
     let soft = lit && frame.soft.x > 0u && slot < frame.size.z && !by_specular;

@@ -30,6 +30,15 @@ const SOFT: u32 = 16384u;           // convolved shadows bring the diffuse light
 // Of an eye path again, and of a shading point.
 const CHOSE: u32 = 32768u;          // the eye path to it chose one component of a mirror or glass at random
 
+const DEEP: u32 = 262144u;          // the eye path to it passed at least three mirrors and surfaces of glass
+
+// Of an eye path: the component whose slot receives the next one that splits off, 0: none does.
+const ONE_FREE: u32 = 65536u;
+
+fn free_component(word: f32) -> u32 {
+    return (bitcast<u32>(word) / ONE_FREE) & 3u;
+}
+
 fn segments_of(word: f32) -> u32 {
     return (bitcast<u32>(word) / ONE_SEGMENT) & 15u;
 }

@@ -12,9 +12,19 @@ fn divided(n: u32, d: u32) -> vec2<u32> {
     return vec2<u32>(vec2<i32>(estimate + one, rest - one * i32(d)));
 }
 
-// Pixel of a slot. Second components follow those of all pixels.
+// Component of a slot: 0 is the first. Second components follow the first ones of all pixels, and third ones those.
+fn component_of(slot: u32) -> u32 {
+    return select(0u, 1u, slot >= frame.size.z) + select(0u, 1u, slot >= 2u * frame.size.z);
+}
+
+// Whether a slot is that of a third component.
+fn is_third(slot: u32) -> bool {
+    return slot >= 2u * frame.size.z;
+}
+
+// Pixel of a slot.
 fn pixel_of(slot: u32) -> u32 {
-    return select(slot, slot - frame.size.z, slot >= frame.size.z);
+    return slot - component_of(slot) * frame.size.z;
 }
 
 // Column and row of a pixel.
@@ -34,16 +44,15 @@ fn in_task(at: vec2<u32>) -> bool {
     return frame.task[1].x == 0u || (within && in_class);
 }
 
-// Class of a slot. Second components have the class of their pixel.
+// Class of a slot: that of its pixel.
 fn class_of(slot: u32) -> u32 {
     return class_at(place_of_pixel(pixel_of(slot)));
 }
 
 // Number of a slot in the whole image, for random numbers: a region of an image draws those of the whole.
 fn sample_of(slot: u32) -> u32 {
-    let second = select(0u, 1u, slot >= frame.size.z);
     let at = place_of_pixel(pixel_of(slot));
-    return at.x + frame.within.x + (at.y + frame.within.y + second * frame.within.w) * frame.within.z;
+    return at.x + frame.within.x + (at.y + frame.within.y + component_of(slot) * frame.within.w) * frame.within.z;
 }
 
 // Part of a tile of 8 x 8 pixels that lies in the image: lower corner, width and height.

@@ -2,7 +2,7 @@
 // pass::near_collect::{SMOOTH, SLOPE, STEEP, LINKS}.
 
 // Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components behind mirrors,
-// glass and narrow lobes, whose light no filter spreads over the classes.
+// glass and narrow lobes, whose light no filter spreads over the classes. Third components are too faint for that.
 fn near_classes() -> u32 {
     return max(frame.pattern.z / 4u, 1u);
 }
@@ -21,7 +21,7 @@ fn has_near_rays(class_number: u32, begin: u32) -> bool {
 
 // Whether no filter spreads a slot's light; `flags` are those of its shading point.
 fn stands_alone(slot: u32, flags: f32) -> bool {
-    return slot >= frame.size.z && (segments_of(flags) == 0u || has_flag(flags, NARROW_LOBE));
+    return component_of(slot) == 1u && (segments_of(flags) == 0u || has_flag(flags, NARROW_LOBE));
 }
 
 fn has_near_ray(slot: u32, flags: f32) -> bool {

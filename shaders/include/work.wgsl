@@ -28,7 +28,7 @@ struct Step {
     clears: u32,                // 1: sums start at zero
     bounces: u32,               // maximum number of bounces of a light: those with more would make paths too long
     closer: u32,                // 1: lights are clipped at half the clip distance
-    split: u32,                 // distance from the slot of a pixel to that of its second component; 0: paths do not split
+    components: u32,            // slots of each pixel for the components of its eye path; 1: paths do not split
     mirrored_lights: u32,       // 1: planar mirrors reflect virtual lights, so photons leave them out
     shift: u32,                 // of the digit by which the sort counts or scatters
     level: u32,                 // of the sort's sums
@@ -38,6 +38,7 @@ struct Step {
 struct PointStep {
     order: u32,                 // that of the list, ORDER_...
     last: u32,                  // 1: shading points only emit, because the paths to them are as long as allowed
+    components: u32,            // slots of each pixel
 }
 
 const ORDER_ANY: u32 = 0u;      // shading points are appended as they come

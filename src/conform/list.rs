@@ -46,6 +46,7 @@ macro_rules! each_check {
                 eye_paths_follow_their_oracle("eye_paths trace tiles_mark tiles_list", Nothing, "indirect dispatch", "directions 1e-3, densities of lobes 5e-3; 1 path of 1000 may differ");
                 tiles_are_listed_in_order("tiles_mark tiles_list", Nothing, "", "exact");
                 merge_adds_second_components_to_their_pixels("merge", Nothing, "indirect dispatch", "1e-6");
+                third_components_join_second_ones("third_light", Nothing, "indirect dispatch", "1e-6");
                 light_along_lobes_joins_its_pixel("glossy_light", Nothing, "indirect dispatch", "1e-5");
             }
             walk {

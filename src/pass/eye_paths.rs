@@ -4,8 +4,12 @@
 //! Where a path first meets a surface of two components it is split, one path for each: transmission and reflection of
 //! glass; the diffuse base of a mirror, where the path ends, and its reflection; a glossy surface, where the path ends, and a path
 //! along its lobe. The second component has a slot of its own, which follows that of the pixel by the number of pixels, and is a
-//! shading point like any other until `merge` or `glossy_light` adds its light to the pixel. Later in the path one component is
-//! chosen, with a probability p in proportion to the weights:
+//! shading point like any other until `merge` or `glossy_light` adds its light to the pixel.
+//!
+//! In scenes with glass a pixel has a third slot, in images up to [`MAX_PIXELS_OF_THREE`](crate::plan::MAX_PIXELS_OF_THREE). Where the path meets another
+//! mirror or glass of two components it splits again: reflection within a ball, or on a ball that a mirror shows. A path that has not split yet, behind a
+//! mirror without a base, has both slots left. Where the path ends at its first surface the second component splits in its place. [`third_light`](super::third_light) adds
+//! the light of the third component to that of the second. Where no slot is left one component is chosen, with a probability p in proportion to the weights:
 //!
 //! ```text
 //! throughput *= f / p      f = F (mirror), R (reflected), (1 - R) tint / eta^2 (through glass), 1 (a mirror's base)
@@ -38,7 +42,7 @@
 //! too concave ([`super::curvature`]); there, and in mirror images, it is a glossy surface like any other. For a frosted pane the first component is the scene
 //! behind it, also with throughput 1, and the pane's emission goes with the second.
 //!
-//! Differs from the paper in that: a path is split once, whatever the weights of the components; point lights light wide
+//! Differs from the paper in that: a path is split twice at most, whatever the weights of the components; point lights light wide
 //! lobes, which need no paths of their own.
 //!
 //! Bias: only eye paths pass mirrors and glass here. Light that reaches a shading point through mirrors and glass
@@ -145,6 +149,10 @@ pub struct EyePath {
     pub unlikely: bool,
     /// Whether it chose one component of a mirror or glass at random.
     pub chose: bool,
+    /// Whether it passed at least three mirrors and surfaces of glass.
+    pub deep: bool,
+    /// Component whose slot receives the next one that splits off; 0: none does.
+    pub free: u32,
 }
 
 /// Steps of the Kronecker sequences of a path's surfaces, in units of 2^-32, in turns: the powers 1/p and 1/p^2 of the plastic number p, the
@@ -218,15 +226,47 @@ pub enum Plane {
 }
 
 /// Oracle: the path after its hit on `surface` at distance `t`, `cos_view` the cosine between its first segment and the
-/// view direction, and `class` that of its pixel; and the second component if the path is split (its slot is `split_offset` after
-/// that of the path; 0: paths are not split). `None` if the surface is neither mirror nor glass nor glossy. `plane`: the surface has
-/// an image by superposition.
+/// view direction, and `class` that of its pixel; and the component that splits off, if any, where a pixel has slots for `components`
+/// of them. `None` if the surface is neither mirror nor glass nor glossy. `plane`: the surface has an image by superposition.
 #[allow(clippy::too_many_arguments)]
 pub fn reference(
     frame: &layout::FrameParameters,
     scene: &Scene,
     (step, class): (u32, u32),
-    split_offset: u32,
+    components: u32,
+    path: &EyePath,
+    way: (Vec3, f32, f32),
+    surface: &SurfacePoint,
+    plane: Option<Plane>,
+) -> Option<(EyePath, Option<EyePath>)> {
+    let splits = step == 0 && components > 1;
+    let free = if splits { 1 } else { path.free };
+    let (mut next, mut branch) = followed(frame, scene, (step, class), (splits, free), path, way, surface, plane)?;
+    // What is left is for the path itself, or for the other one if it ends here; nothing beyond an image that is spread.
+    let goes_on = |path: &EyePath| path.ray.is_some();
+    let branches = branch.as_ref().is_some_and(goes_on);
+    let taken = free + u32::from(branches);
+    let left = if free > 0 && taken < components && plane.is_none() { taken } else { 0 };
+    for path in branch.iter_mut() {
+        path.free = if goes_on(&next) { 0 } else { left };
+        path.deep |= step > 1;
+    }
+    if goes_on(&next) {
+        next.free = left;
+        next.deep |= step > 1;
+    } else if branches {
+        next.free = 0;
+    }
+    Some((next, branch))
+}
+
+/// The paths without what they know of slots that are left and of their own length.
+#[allow(clippy::too_many_arguments)]
+fn followed(
+    frame: &layout::FrameParameters,
+    scene: &Scene,
+    (step, class): (u32, u32),
+    (splits, free): (bool, u32),
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
@@ -234,28 +274,28 @@ pub fn reference(
 ) -> Option<(EyePath, Option<EyePath>)> {
     let numbers = path_numbers(frame, class, step);
     if let Some(Plane::Glossy { energy, grazing }) = plane {
-        return Some(at_plane(frame, step, split_offset, path, (d, cos_view * t), surface, [energy, grazing]));
+        return Some(at_plane(frame, step, path, (d, cos_view * t), surface, [energy, grazing]));
     }
     if let Some(Plane::Curved { normal }) = plane {
-        let branch = EyePath { slot: path.slot + split_offset, emitted: Vec3::ZERO, ..*path };
+        let branch = EyePath { slot: path.slot + frame.size[2], emitted: Vec3::ZERO, ..*path };
         let mirrored = mirrored(frame, &branch, (d, cos_view * t), surface, normal);
         return Some((EyePath { ray: None, ..*path }, Some(mirrored)));
     }
-    let splits = step == 0 && split_offset > 0;
     let fits = path.segments + 2 <= frame.scene[2];
     let material = &scene.materials[surface.material as usize];
     if material.surface == Surface::Opaque {
-        return at_lobe(frame, scene, numbers, if splits { split_offset } else { 0 }, path, (d, t, cos_view), surface);
+        return at_lobe(frame, scene, numbers, splits, path, (d, t, cos_view), surface);
     }
     let normals = Normals { geometric: surface.geometric, shading: surface.shading, front: surface.front };
     let eta = path.media.relative_index(&scene.materials, surface.material, surface.front);
     let split = specular_samples(material, &surface.finish, &normals, -d, eta, frame.reflectance())?
         .split(surface.reflectance.kd);
     let own = own_number(frame, path.slot, step);
-    let first = splits || own < split.probability;
+    let follows_both = splits || (free > 0 && split.probability < 1.0);
+    let first = follows_both || own < split.probability;
     let (sample, probability) =
         if first { (split.first, split.probability) } else { (split.second, 1.0 - split.probability) };
-    let chance = if splits { 1.0 } else { probability };
+    let chance = if follows_both { 1.0 } else { probability };
     let on = |slot: u32, sample: BsdfSample, chance: f32| {
         let side = if sample.wi.dot(surface.geometric) > 0.0 { surface.geometric } else { -surface.geometric };
         let origin = offset_origin(surface.position, side, frame.eye[3]);
@@ -275,6 +315,8 @@ pub fn reference(
             narrow: path.narrow,
             unlikely: path.unlikely || chance < 0.5,
             chose: path.chose || chance < 1.0,
+            deep: path.deep,
+            free: path.free,
         }
     };
     let mut next = match sample {
@@ -292,7 +334,8 @@ pub fn reference(
     let [emission_share, _] = shares_at(frame, path, (d, t), surface);
     next.emitted =
         path.emitted + if has_base { Vec3::ZERO } else { path.throughput * surface.emission * emission_share };
-    let mut branch = split.second.filter(|_| splits).map(|sample| on(path.slot + split_offset, sample, 1.0));
+    let slot = path.slot % frame.size[2] + free * frame.size[2];
+    let mut branch = split.second.filter(|_| follows_both).map(|sample| on(slot, sample, 1.0));
     if let (Some(Plane::Frosted), true, Some(branch)) = (plane, splits, &mut branch) {
         branch.emitted = next.emitted - path.emitted;
         next = EyePath { throughput: path.throughput, emitted: path.emitted, ..next };
@@ -300,13 +343,13 @@ pub fn reference(
     Some((next, branch))
 }
 
-/// Oracle for glossy surfaces: the path ends there, and another one follows the lobe if it is narrow; `split_offset` 0: one of them
+/// Oracle for glossy surfaces: the path ends there, and another one follows the lobe if it is narrow; unless it `splits` one of them
 /// is chosen. `None` if the surface has no lobe narrow enough, and the path just ends.
 fn at_lobe(
     frame: &layout::FrameParameters,
     scene: &Scene,
     numbers: [f32; 3],
-    split_offset: u32,
+    splits: bool,
     path: &EyePath,
     (d, t, cos_view): (Vec3, f32, f32),
     surface: &SurfacePoint,
@@ -332,16 +375,17 @@ fn at_lobe(
             ..*path
         }
     };
-    if split_offset > 0 {
+    if splits {
         let chance =
             if width_of(r.alpha) < NARROW { 1.0 } else { (LOBE_CHANCE * weight.max_element()).clamp(0.2, 1.0) };
         let weight = if numbers[2] < chance { weight / chance } else { Vec3::ZERO };
-        let along = along(path.slot + split_offset, path.throughput * weight);
+        let along = along(path.slot + frame.size[2], path.throughput * weight);
         let branch = EyePath { emitted: Vec3::ZERO, narrow: width_of(r.alpha) < NARROW, ..along };
         return Some((EyePath { ray: None, sampled: true, ..*path }, Some(branch)));
     }
     if numbers[2] < share {
-        return Some((EyePath { ray: None, sampled: true, throughput: path.throughput / share, ..*path }, None));
+        let throughput = path.throughput / share;
+        return Some((EyePath { ray: None, sampled: true, throughput, ..*path }, None));
     }
     let [_, of_path] = shares_at(frame, path, (d, t), surface);
     let next = along(path.slot, path.throughput * weight / (1.0 - share) * of_path);
@@ -367,7 +411,6 @@ fn mirrored(
 fn at_plane(
     frame: &layout::FrameParameters,
     step: u32,
-    split_offset: u32,
     path: &EyePath,
     (d, depth): (Vec3, f32),
     surface: &SurfacePoint,
@@ -376,7 +419,7 @@ fn at_plane(
     let n = surface.geometric;
     let mirrored = mirrored(frame, path, (d, depth), surface, n);
     if step == 0 {
-        let branch = EyePath { slot: path.slot + split_offset, emitted: Vec3::ZERO, ..mirrored };
+        let branch = EyePath { slot: path.slot + frame.size[2], emitted: Vec3::ZERO, ..mirrored };
         return (EyePath { ray: None, ..*path }, Some(branch));
     }
     let r = &surface.reflectance;

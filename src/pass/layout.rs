@@ -194,8 +194,8 @@ pub struct Step {
     pub bounces: u32,
     /// 1: lights are clipped at half the clip distance.
     pub closer: u32,
-    /// Distance from the slot of a pixel to that of its second component; 0: paths do not split.
-    pub split: u32,
+    /// Slots of each pixel for the components of its eye path; 1: paths do not split.
+    pub components: u32,
     /// 1: planar mirrors reflect virtual lights, so photons leave them out.
     pub mirrored_lights: u32,
     /// Shift of the digit by which the sort counts or scatters.
@@ -212,6 +212,8 @@ pub struct PointStep {
     pub order: u32,
     /// 1: shading points only emit, because the paths to them are as long as allowed.
     pub last: u32,
+    /// Slots of each pixel.
+    pub components: u32,
 }
 
 impl PointStep {

@@ -111,7 +111,7 @@ impl LightLists {
         // Until clusters choose, a slot has the lights of its class.
         let class = |pixel: u32| pixel % width % across + across * (pixel / width % down);
         let of_pixels = (0..width * height).map(|pixel| class(pixel) * slots);
-        let first: Vec<u32> = (0..plan.eye.components).flat_map(|_| of_pixels.clone()).collect();
+        let first: Vec<u32> = (0..plan.eye.slots_of_pixel).flat_map(|_| of_pixels.clone()).collect();
         let first = kit.stage("first lights", &first)?;
         if !plan.chooses_lights() {
             // Each class takes all of its lights as they are.
@@ -119,12 +119,12 @@ impl LightLists {
             let listed = kit.stage("listed lights", &all)?;
             return Ok(LightLists { lights: lights.clone(), listed, first, chooses: None });
         }
-        let count = clusters::count([width, height], [across, down]) * plan.eye.components;
+        let count = clusters::count([width, height], [across, down]) * plan.eye.slots_of_pixel;
         let list_size = u64::from(slots) * size_of::<[u32; 2]>() as u64;
         let room = kit.context.info().max_storage_buffer_range;
         // A part of an image chooses as the whole does.
         let whole = plan.view.camera().map_or([width, height], |camera| camera.resolution);
-        let of_whole = clusters::count(whole, [across, down]) * plan.eye.components;
+        let of_whole = clusters::count(whole, [across, down]) * plan.eye.slots_of_pixel;
         let fits = u64::from(of_whole) * list_size <= room && light_regions::bytes(plan, whole) <= room;
         let of_screen = clusters.filter(|_| fits);
         let lists = if of_screen.is_some() { count } else { classes };

@@ -72,6 +72,7 @@ pub mod split_points;
 pub mod summands;
 pub mod superpose;
 pub mod surface;
+pub mod third_light;
 pub mod tiles;
 pub mod trace;
 pub mod unlikely;
@@ -461,6 +462,10 @@ impl ShadingPoints {
     pub const SOFT: u32 = 16384;
     /// Flag: the eye path to it chose one component of a mirror or glass at random.
     pub const CHOSE: u32 = 32768;
+    /// Flag: the eye path to it passed at least three mirrors and surfaces of glass.
+    pub const DEEP: u32 = 262_144;
+    /// One component, counted from the first, of an eye path: that whose slot receives the next one that splits off.
+    pub const ONE_FREE: u32 = 65536;
 
     /// The bits of 1.0, which are in every word with a flag, see `shaders/include/flags.wgsl`.
     const FLAGS: u32 = 0x3f80_0000;
@@ -468,12 +473,17 @@ impl ShadingPoints {
     /// The flags that a word holds: none, unless a pass wrote it.
     pub fn flags(word: f32) -> u32 {
         let flags = word.to_bits() ^ ShadingPoints::FLAGS;
-        if flags < 2 * ShadingPoints::CHOSE { flags } else { 0 }
+        if flags < 2 * ShadingPoints::DEEP { flags } else { 0 }
     }
 
     /// Segments of the eye path beyond its first surface that is neither mirror nor glass, of [`ShadingPoints::flags`].
     pub fn segments(flags: u32) -> u32 {
         (flags / ShadingPoints::ONE_SEGMENT) & 15
+    }
+
+    /// Component of an eye path whose slot receives the next one that splits off, of [`ShadingPoints::flags`]; 0: none does.
+    pub fn free_component(flags: u32) -> u32 {
+        (flags / ShadingPoints::ONE_FREE) & 3
     }
 
     /// The word that holds these flags.

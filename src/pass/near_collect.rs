@@ -21,7 +21,7 @@
 //! Only a quarter of the classes of pixels has near rays in a pass, beside second components; their light counts for all, so the
 //! first ray of a path that starts from a pixel is weighted by the inverse of that share, and later ones, which start from pixels
 //! of the same class, are not. A filter whose window
-//! has a pixel of each class spreads it evenly. With a filter, the near light of [`NEAR_SPREAD`](super::near_points::NEAR_SPREAD)
+//! has a pixel of each class spreads it evenly. Third components keep theirs, for the light of these joins that of second ones before any filter. With a filter, the near light of [`NEAR_SPREAD`](super::near_points::NEAR_SPREAD)
 //! squared neighbours of a class, whose rays have different directions, is averaged first, in the symmetrical way of
 //! `discontinuity`, where they lie on one smooth surface ([`SMOOTH`], [`SLOPE`]).
 //!
@@ -117,7 +117,7 @@ impl NearCollect {
         let means = Resources::of([("mean_direct", &lighting.direct), ("mean_indirect", &lighting.indirect)]);
         let add = match plan.settings.filter {
             None => kit.bind(&shaders::NEAR_ADD, &[&list.resources(), &pixels.resources(), &own])?,
-            Some(_) => kit.bind(&shaders::NEAR_MEAN, &[&list.resources(), &means, &own])?,
+            Some(_) => kit.bind(&shaders::NEAR_MEAN, &[&list.resources(), &pixels.resources(), &means, &own])?,
         };
         let spread = match plan.settings.filter {
             None => None,

@@ -59,12 +59,11 @@ pub fn near_order(frame: &FrameParameters, class: u32) -> u32 {
     (class + turn * ray_classes(classes)) % classes
 }
 
-/// Whether no filter spreads the light of a slot over the classes: that of second components behind mirrors, glass
-/// and narrow lobes;
-/// `flags`: [`ShadingPoints::flags`].
+/// Whether a slot has a near ray in each pass, since no filter spreads its light over the classes: those of second components behind mirrors, glass
+/// and narrow lobes. Third ones are too faint to need one. `flags`: [`ShadingPoints::flags`].
 pub fn stands_alone(frame: &FrameParameters, slot: u32, flags: u32) -> bool {
     let narrow = flags & ShadingPoints::NARROW_LOBE != 0;
-    slot >= frame.size[2] && (narrow || ShadingPoints::segments(flags) == 0)
+    slot / frame.size[2] == 1 && (narrow || ShadingPoints::segments(flags) == 0)
 }
 
 /// Whether a slot of a class sends a near ray in a pass: a quarter of the classes does, others in the next passes; and all

@@ -1,9 +1,9 @@
-//! Takes away emission that a path found by an unlikely component: single pixels much brighter than those around them.
+//! Takes away emission that a path found by chance: single pixels much brighter than those around them.
 //!
-//! Beyond the first mirror or glass a path chooses one component ([`eye_paths`](super::eye_paths)). A lamp that is reflected within a ball of
-//! glass is found by one path in some twenty-five, and then is as bright as the lamp itself, for it stands for the others too. In the
-//! first frames such pixels are most of the error. Where a path chose a component of a probability below one half, the emission
-//! along it is lowered so that the pixel's component has at most [`ABOVE`] times the radiance that four of the eight pixels around it have
+//! Where a path has split as often as it may it chooses one component ([`eye_paths`](super::eye_paths)). A lamp by reflection in twenty-fifths of the
+//! light is then found by one path in twenty-five, and is as bright as the lamp itself, for it stands for the others too. And curved glass makes lamps so small, after three surfaces,
+//! that the ray of a pixel meets them in few passes. In the first frames such pixels are most of the error. Where a path chose a component of a probability below
+//! one half, or passed three mirrors and surfaces of glass, the emission along it is lowered so that the pixel's component has at most [`ABOVE`] times the radiance that four of the eight pixels around it have
 //! (those of its tile of 8 x 8 pixels); with the filter's weight ([`Filter::weight`](crate::settings::Filter::weight)):
 //!
 //! ```text

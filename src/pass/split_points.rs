@@ -1,9 +1,9 @@
-//! Shading points at the ends of the second components of eye paths that split (`eye_paths`), as `eye_points` makes
-//! them of the first components. They are listed after those, tile by tile of the tiles that show mirrors or glass.
+//! Shading points at the ends of the second and third components of eye paths that split (`eye_paths`), as `eye_points` makes
+//! them of the first components. They are listed after those, tile by tile of the tiles that show mirrors or glass, the third after the second.
 //!
-//! A second component without throughput is none: its shading point is not lit and has met nothing.
+//! A component without throughput is none: its shading point is not lit and has met nothing.
 //!
-//! Cost: as `eye_points`, for the pixels of those tiles.
+//! Cost: as `eye_points`, for the pixels of those tiles, and in scenes with glass twice.
 
 use super::eye_points::Inputs;
 use super::schedule::LIST_GROUPS;
@@ -18,7 +18,7 @@ pub struct SplitPoints {
 }
 
 impl SplitPoints {
-    /// Writes the `points` of second components in `tiles`.
+    /// Writes the `points` of second and third components in `tiles`.
     pub fn new(kit: &Kit, inputs: &Inputs, tiles: &List) -> Result<Self> {
         let shaders = [&shaders::SPLIT_POINTS, &shaders::SPLIT_POINTS_UNTEXTURED];
         let sets = [&inputs.resources(kit)?, &tiles.as_tiles()];

@@ -121,7 +121,7 @@ impl Compensation {
                 list_out: &list,
                 beta: &beta,
                 points: &points,
-                step: order.step(lit, last),
+                step: order.step(1, lit, last),
             };
             let sort = sort_buffers.filter(|_| lit);
             made.push(Bounce {

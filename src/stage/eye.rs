@@ -31,7 +31,7 @@ pub struct Eye {
     pub rays: Rays,
     /// Light that eye paths carry through mirrors and glass.
     pub paths: EyePathState,
-    /// The shading points: a slot for each entry of the view, and where paths are split as many again for the second components.
+    /// The shading points: a slot for each entry of the view, and where paths are split as many again for the second components, and for third ones.
     pub points: ShadingPoints,
     /// First hits of the pixels, kept for [`super::Edges`].
     pub guides: Option<EdgeGuides>,
@@ -98,9 +98,9 @@ impl Eye {
         let (size, slots, pixels) = (plan.view.size(), eye.slots(), eye.pixels);
         let order = PointOrder::of(plan, scene);
         let tile_count = size[0].div_ceil(8) * size[1].div_ceil(8);
-        let cluster_count = clusters::count(size, settings.pattern) * eye.components;
+        let cluster_count = clusters::count(size, settings.pattern) * eye.slots_of_pixel;
         // Lists hold whole tiles.
-        let listed = 64 * cluster_count.max(tile_count * eye.components);
+        let listed = 64 * cluster_count.max(tile_count * eye.slots_of_pixel);
         let lit = plan.lights_points();
 
         let mut table = StepTable::default();
@@ -110,8 +110,8 @@ impl Eye {
         let first_steps = EyeSteps::new(&mut table, plan, pixels, ray_clusters);
         let follow_steps: Vec<u32> = (0..eye.steps)
             .map(|bounce| {
-                let split = if bounce == 0 { eye.split_offset() } else { 0 };
-                table.add(Step { split, bounce, indirect: u32::from(bounce > 0), ..Step::default() })
+                let (components, indirect) = (eye.slots_of_pixel, u32::from(bounce > 0));
+                table.add(Step { components, bounce, indirect, ..Step::default() })
             })
             .collect();
         let list_rounds = table.add_list_rounds(plan);
@@ -173,7 +173,7 @@ impl Eye {
                 })
             })
             .collect::<Result<_>>()?;
-        let step = order.step(lit, settings.max_depth == 1);
+        let step = order.step(eye.slots_of_pixel, lit, settings.max_depth == 1);
         let inputs = eye_points::Inputs { rays: &rays, paths: &paths, points: &points, list: &filled, step };
         let split_points = match eye.components {
             1 => None,

@@ -46,6 +46,7 @@ use crate::pass::outliers::Outliers;
 use crate::pass::soft_shadow::SoftShadowAdd;
 use crate::pass::sparse_windows::SparseWindows;
 use crate::pass::summands::Summands;
+use crate::pass::third_light::ThirdLight;
 use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
@@ -113,6 +114,7 @@ stages! {
     Outliers = "outliers",
     Unlikely = "unlikely",
     SoftShadowAdd = "soft_shadow_add",
+    ThirdLight = "third_light",
     Merge = "merge",
     Summands = "summands",
     Velocity = "velocity",

@@ -42,14 +42,14 @@ impl PointOrder {
         if self == PointOrder::Any { PointOrder::Any } else { PointOrder::Space }
     }
 
-    /// Step of the pass that makes a list of points; `lit`: they will be shaded; `last`: they only emit.
-    pub(super) fn step(self, lit: bool, last: bool) -> PointStep {
+    /// Step of the pass that makes a list of points, so many of each pixel; `lit`: they will be shaded; `last`: they only emit.
+    pub(super) fn step(self, components: u32, lit: bool, last: bool) -> PointStep {
         let order = match self {
             PointOrder::Screen => PointStep::SCREEN,
             PointOrder::Space if lit => PointStep::TO_SORT,
             PointOrder::Space | PointOrder::Any => PointStep::ANY,
         };
-        PointStep { order, last: u32::from(last) }
+        PointStep { order, last: u32::from(last), components }
     }
 }
 

@@ -16,7 +16,7 @@ fn scenes_without_mirrors_and_glass_do_not_pay() {
         };
         let defaults = Settings { particles: 1, ..Settings::plain() };
         assert_eq!(steps(&builtin::furnace(0.5, 1.0), defaults.clone()), (0, 1));
-        assert_eq!(steps(&gallery_with_tables(), defaults.clone()), (8, 2));
+        assert_eq!(steps(&gallery_with_tables(), defaults.clone()), (8, 3));
         assert_eq!(steps(&gallery_with_tables(), Settings { split: false, ..defaults.clone() }), (8, 1));
         assert_eq!(steps(&gallery_with_tables(), Settings { max_specular: 0, ..defaults.clone() }), (0, 1));
         // Mirrors without a base have one component.

@@ -42,7 +42,8 @@ pub fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
         ];
         guide(&rig.parameters, agreement, &receiver, neighbours)
     };
-    (0..position.len()).map(of_slot).collect()
+    // Third components are not filtered.
+    (0..rig.engine.plan().eye.components as usize * pixels).map(of_slot).collect()
 }
 
 /// The filtered lighting for this direct and indirect irradiance of all slots.

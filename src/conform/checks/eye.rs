@@ -74,6 +74,7 @@ impl Found {
         let segments = ShadingPoints::segments(ShadingPoints::flags(self.wo[i].w));
         tally.check(segments == path.segments, || format!("segments {i}: {segments}"));
         tally.check(has(self.wo[i], ShadingPoints::UNLIKELY) == path.unlikely, || format!("chance of {i}"));
+        tally.check(has(self.wo[i], ShadingPoints::DEEP) == path.deep, || format!("steps to {i}"));
         tally.check(has(self.wo[i], ShadingPoints::CHOSE) == path.chose, || format!("choice of {i}"));
         let Some(hit) = hit else {
             tally.check(end.truncate() == through.truncate(), || format!("throughput {i}, nothing met"));
@@ -193,6 +194,8 @@ fn look(rig: &Rig) -> Vec<Option<Hit>> {
             narrow: flags & ShadingPoints::NARROW_LOBE != 0,
             unlikely: flags & ShadingPoints::UNLIKELY != 0,
             chose: flags & ShadingPoints::CHOSE != 0,
+            deep: flags & ShadingPoints::DEEP != 0,
+            free: ShadingPoints::free_component(flags),
         };
         let on_base = flags & ShadingPoints::LOBE_FOLLOWED != 0;
         if found.check(&mut surfaces, i, rig, (ray.truncate(), hit), (&path, ray.w, on_base)) {

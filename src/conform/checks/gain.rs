@@ -16,7 +16,8 @@ fn light(rig: &Rig, lighting: &Lighting, wo: &[Vec4]) -> Vec<[Vec3; 3]> {
         true => [0, 1, 2].map(|k| arrays[k][i].truncate()),
         false => [Vec3::ZERO; 3],
     };
-    wo.iter().enumerate().map(of_slot).collect()
+    // The filter has no third components.
+    wo.iter().take(arrays[1].len()).enumerate().map(of_slot).collect()
 }
 
 fn three(rig: &Rig) -> [Vec<Vec3>; 2] {

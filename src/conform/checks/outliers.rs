@@ -13,6 +13,7 @@ use crate::conform::rig::{Rig, Tally, close, gallery, has};
 fn follow(rig: &Rig) -> [usize; 2] {
     rig.light();
     rig.run(|frame, rec| {
+        frame.third_light.run(rec)?;
         frame.discontinuity.run(rec)?;
         frame.path_gain.run(rec)?;
         frame.glossy_light.run(rec)?;
@@ -52,7 +53,7 @@ fn follow(rig: &Rig) -> [usize; 2] {
             let i = (pixel + component * pixels) as usize;
             let is_listed = listed.binary_search(&pixel).is_ok();
             let spreads = p.superposition[0] > 0 && is_listed && regions[pixel as usize] > 0;
-            let expected = match is_listed && !spreads && has(wo[i], ShadingPoints::UNLIKELY) {
+            let expected = match is_listed && !spreads && has(wo[i], ShadingPoints::UNLIKELY | ShadingPoints::DEEP) {
                 false => Vec3::ZERO,
                 true => {
                     let around = outliers::around(p, pixel);

@@ -71,7 +71,9 @@ impl EyePathState {
             && has(self.emitted[i], ShadingPoints::LOBE_SAMPLED) == expected.sampled
             && has(self.emitted[i], ShadingPoints::NARROW_LOBE) == expected.narrow
             && has(self.emitted[i], ShadingPoints::UNLIKELY) == expected.unlikely
-            && has(self.emitted[i], ShadingPoints::CHOSE) == expected.chose;
+            && has(self.emitted[i], ShadingPoints::CHOSE) == expected.chose
+            && has(self.emitted[i], ShadingPoints::DEEP) == expected.deep
+            && ShadingPoints::free_component(ShadingPoints::flags(self.emitted[i].w)) == expected.free;
         let Some(ray) = expected.ray else { return state };
         let found = ray_of(self.origin[i], self.direction[i]);
         state
@@ -89,6 +91,7 @@ impl EyePathState {
 #[derive(Debug, Default)]
 struct Seen {
     split: usize,
+    split_again: usize,
     first: usize,
     second: usize,
     stayed: usize,
@@ -106,7 +109,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     let frame = rig.frame();
     let [width, height, pixels, _] = rig.parameters.size;
     let slots = (frame.eye.paths.throughput.bytes() / 16) as u32;
-    let split_offset = if slots > pixels { pixels } else { 0 };
+    let components = slots / pixels;
     let before = EyePathState::of(rig);
     let entering: Vec<u32> = match step.checked_sub(1) {
         None => (0..pixels).collect(),
@@ -134,6 +137,8 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
             narrow: step > 0 && has(before.emitted[i], ShadingPoints::NARROW_LOBE),
             unlikely: step > 0 && has(before.emitted[i], ShadingPoints::UNLIKELY),
             chose: step > 0 && has(before.emitted[i], ShadingPoints::CHOSE),
+            deep: step > 0 && has(before.emitted[i], ShadingPoints::DEEP),
+            free: if step > 0 { ShadingPoints::free_component(ShadingPoints::flags(before.emitted[i].w)) } else { 0 },
         };
         let width = rig.parameters.cones[0] * rig.parameters.depth_scale(path.depth + cos_view * hit.t);
         let surface = surface_at(rig.scene, rig.bvh(), &hit, d, width);
@@ -148,12 +153,13 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
         seen.mirrored += usize::from(plane.is_some() && step == 0);
         seen.in_mirrors += usize::from(plane.is_some() && step > 0);
         if let Some((next, branch)) =
-            eye_paths::reference(&rig.parameters, rig.scene, number, split_offset, &path, way, &surface, plane)
+            eye_paths::reference(&rig.parameters, rig.scene, number, components, &path, way, &surface, plane)
         {
             let lobes = [Some(next), branch].into_iter().flatten().filter(|p| p.ray.is_some() && p.lobe > 0.0);
             seen.along_lobes += lobes.count();
             seen.further += usize::from(next.segments > 1);
-            seen.split += usize::from(branch.is_some());
+            seen.split += usize::from(branch.is_some() && step == 0);
+            seen.split_again += usize::from(branch.is_some_and(|branch| branch.slot >= 2 * pixels));
             seen.stayed += usize::from(next.ray.is_none());
             seen.crossed += usize::from(next.media != path.media);
             seen.within_two += usize::from(next.media.0[1] != 0);
@@ -200,7 +206,7 @@ fn check_step(rig: &Rig, step: usize, seen: &mut Seen) {
     traced.finish(STRAYS);
     for slot in (0..slots).filter(|s| !expected.contains_key(s)) {
         let i = slot as usize;
-        if step == 0 && slot >= pixels && in_tile.binary_search(&(slot - pixels)).is_ok() {
+        if step == 0 && slot >= pixels && in_tile.binary_search(&(slot % pixels)).is_ok() {
             let nothing = after.throughput[i] == Vec4::ZERO && after.emitted[i] == Vec4::ZERO;
             assert!(nothing && untouched(after.hits[i]), "{what}: slot {slot} carries nothing");
         } else {
@@ -283,7 +289,9 @@ pub fn eye_paths_follow_their_oracle(bench: &Bench) {
         }
         let all = [seen.first, seen.second, seen.stayed, seen.crossed, seen.within_two, seen.along_lobes];
         bench.covered(
-            all.iter().all(|&n| n > 5) && (seen.split > 5) == split && seen.further > 0,
+            all.iter().all(|&n| n > 5)
+                && [seen.split, seen.split_again].iter().all(|&n| (n > 5) == split)
+                && seen.further > 0,
             format_args!("{seen:?}"),
         );
         bench.covered((seen.mirrored > 5) == superposition.is_some(), format_args!("{seen:?}"));
@@ -337,6 +345,45 @@ pub fn merge_adds_second_components_to_their_pixels(bench: &Bench) {
             assert_eq!(found[k], emitted[k], "second component of {x} {y}");
         }
     }
+}
+
+pub fn third_components_join_second_ones(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let (mut joined, mut marked) = (0, 0);
+    for resolution in bench.images().chain([[97, 61], [160, 120]]) {
+        let rig = bench.rig(&scene, resolution, Settings { particles: 3, ..Settings::plain() });
+        rig.light();
+        let (frame, pixels) = (rig.frame(), rig.parameters.size[2] as usize);
+        let (points, lighting) = (&frame.eye.points, &frame.shade.lighting);
+        let buffers = [&points.emitted, &frame.eye.paths.throughput, &points.kd, &points.wo];
+        let [emitted, throughput, kd, wo] = buffers.map(|b| rig.vec4s(b));
+        assert_eq!(emitted.len(), 3 * pixels, "the gallery has glass");
+        let sums = [&lighting.direct, &lighting.indirect, &lighting.specular].map(|b| rig.vec4s(b));
+        rig.run(|frame, rec| frame.third_light.as_ref().unwrap().record(rec));
+        let [after, wo_after] = [&points.emitted, &points.wo].map(|b| rig.vec4s(b));
+        let listed = rig.ideal_pixels();
+        let bits = |v: Vec4| v.to_array().map(f32::to_bits);
+        for pixel in 0..pixels {
+            let [second, third] = [1, 2].map(|component| pixel + component * pixels);
+            if listed.binary_search(&(pixel as u32)).is_err() {
+                assert_eq!(bits(after[second]), bits(emitted[second]), "pixel {pixel} is left alone");
+                continue;
+            }
+            let lit = has(wo[third], ShadingPoints::LIT);
+            let light = [0, 1, 2].map(|k| if lit { sums[k][third].truncate() } else { Vec3::ZERO });
+            let of_path = [emitted[third], throughput[third], kd[third]].map(|v| v.truncate());
+            let added = merge::reference(of_path[0], of_path[1], of_path[2], light);
+            let (found, expected) = (after[second].truncate(), emitted[second].truncate() + added);
+            assert!(close(found, expected, 1e-6, 1e-7), "pixel {pixel}: {found} for {expected}");
+            joined += usize::from(added != Vec3::ZERO);
+            let found_lamp = of_path[0] != Vec3::ZERO && has(wo[third], ShadingPoints::UNLIKELY | ShadingPoints::DEEP);
+            let flags = |wo: &[Vec4]| ShadingPoints::flags(wo[second].w);
+            let deep = if found_lamp { ShadingPoints::DEEP } else { 0 };
+            assert_eq!(flags(&wo_after), flags(&wo) | deep, "pixel {pixel}");
+            marked += usize::from(found_lamp);
+        }
+    }
+    bench.covered(joined > 100 && marked > 0, format_args!("{joined} joined, {marked} marked"));
 }
 
 pub fn light_along_lobes_joins_its_pixel(bench: &Bench) {

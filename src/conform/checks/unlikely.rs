@@ -103,7 +103,7 @@ pub fn unlikely_components_follow_their_oracle(bench: &Bench) {
     let scene = gallery();
     let mut seen = [0; 2];
     for superposition in [None, Some(Superposition::default())] {
-        for (i, resolution) in bench.images().chain([[97, 61], [160, 120]]).enumerate() {
+        for (i, resolution) in bench.images().chain([[97, 61], [240, 180]]).enumerate() {
             let settings = Settings {
                 particles: 3,
                 pattern: [3, 3],

@@ -125,9 +125,10 @@ keys! {
     /// Longer chains are black. Each surface costs a ray for every pixel that gets there; no cost in scenes without mirrors
     /// and glass. They do not count in --max-depth.
     max_specular: u32 = Key::count("--max-specular", LIGHT, 0, Settings::MAX_SPECULAR as u64).or_by("8");
-    /// At the first glass, follow both transmission and reflection; without it one of them, chosen at random.
+    /// At the first two surfaces of glass, follow both transmission and reflection; without it one of them, chosen at random.
     ///
-    /// Without: the same limit with half the memory, and faster passes, but noise on glass and on mirrors over a diffuse base.
+    /// Without: the same limit with a third of the memory, and faster passes, but noise on glass and on mirrors over a diffuse
+    /// base. Images above 2.7 million pixels split at the first surface alone.
     split: bool = Key::switch("--split", LIGHT, "true");
     /// Follow the narrow lobes of glossy surfaces by eye paths; without it the highlights of lights alone show them.
     ///
