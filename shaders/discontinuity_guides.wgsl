@@ -75,13 +75,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let size = vec2<f32>(frame.within.zw);
     let pixel = 2.0 * max(sqrt(dot(frame.right.xyz, frame.right.xyz)) / size.x, sqrt(dot(frame.up.xyz, frame.up.xyz)) / size.y);
     let covered = 2.0 * depth_scale(depth) * pixel / max(dot(normal, wo.xyz), 0.02);
-    // Behind curved mirrors and along lobes neighbours tell how far apart pixels are.
+    // Behind curved mirrors and glass and along lobes neighbours tell how far apart pixels are.
     let right_end = at.x + 1 == i32(frame.size.x);
     let lower_end = at.y + 1 == i32(frame.size.y);
     var spread = 0.0;
-    if second && takes_part {
-        let across_tile = nearer_neighbour(u32(slot), lane & 7u, 1u, right_end);
-        spread = 4.0 * max(across_tile, nearer_neighbour(u32(slot), lane / 8u, frame.size.x, lower_end));
+    if (second || has_flag(wo.w, SEEN_BY_SPECULAR)) && takes_part {
+        let across_tile = nearer_neighbour(u32(slot), u32(at.x) & 7u, 1u, right_end);
+        spread = 4.0 * max(across_tile, nearer_neighbour(u32(slot), u32(at.y) & 7u, frame.size.x, lower_end));
     }
     let extent = clamp(spread, covered * covered, MAX_SPREAD * MAX_SPREAD * covered * covered);
 #endif

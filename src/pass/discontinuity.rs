@@ -41,7 +41,7 @@
 //! `merge`. Positions are those of the shading points, depths and footprints those of the whole path: a directly
 //! visible point is averaged with a point in a mirror only if both belong to the same piece of a surface, whose
 //! irradiance does not depend on the path. Behind curved mirrors and glass and along lobes pixels lie farther apart than depth and
-//! inclination tell: there the footprint grows to the distance from the neighbours ([`MAX_SPREAD`]).
+//! inclination tell: there, in first components too, the footprint grows to the distance from the neighbours ([`MAX_SPREAD`]).
 //!
 //! Differs from the paper in: the test and the weights unless [`Agreement::DepthAndNormal`] is chosen (which compares depths
 //! instead of distances, with thresholds that the paper does not give); windows smoothed as above; caustics are not
@@ -87,7 +87,7 @@ pub const PAPER_TOLERANCE: f32 = 0.02;
 /// Least lack of a window that is not taken for rounding.
 pub const LEAST_LACK: f32 = 1e-4;
 
-/// Maximum ratio of a second component's footprint, as its neighbours in its tile of 8 x 8 pixels tell it, over that by depth and
+/// Maximum ratio of the footprint of a point seen by mirrors, glass or lobes, as its neighbours in its tile of 8 x 8 pixels tell it, over that by depth and
 /// inclination. Of the two neighbours along an axis the nearer one counts, since an edge may lie before the other.
 ///
 /// Higher: what strongly curved mirrors show is blurred over more of the scene. Lower: it remains noisy.

@@ -35,7 +35,8 @@ pub fn guides(rig: &Rig, agreement: Agreement) -> Vec<Guide> {
         // Neighbours in the tile of 8 x 8 pixels.
         let [width, height, ..] = rig.parameters.size.map(|n| n as usize);
         let (x, y) = (i % pixels % width, i % pixels / width);
-        let lit = |j: usize, inside: bool| (i >= pixels && inside && is_lit(wo[j])).then(|| position[j].truncate());
+        let may_spread = i >= pixels || has(wo[i], ShadingPoints::SEEN_BY_SPECULAR);
+        let lit = |j: usize, inside: bool| (may_spread && inside && is_lit(wo[j])).then(|| position[j].truncate());
         let neighbours = [
             [lit(i.wrapping_sub(1), x % 8 > 0), lit(i + 1, x % 8 < 7 && x + 1 < width)],
             [lit(i.wrapping_sub(width), y % 8 > 0), lit(i + width, y % 8 < 7 && y + 1 < height)],
