@@ -227,7 +227,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let has_images = frame.superposition.z != 0u && plane > 0u;
         let by_image = has_images && reprojected[select(0u, pixel, has_images)].w > 0.0;
         let branches = follows_both && !by_image && split.probability < 1.0 && max(max(second.x, second.y), second.z) > 0.0;
-        // The slots that are left are for the path itself, or for the other one if it ends here; none beyond an image that is spread.
+        // The path itself takes the slots that are left; where it ends here the other component takes them. Images that are spread leave none.
         let taken = select(free, free + 1u, branches);
         let left = select(0u, taken, free > 0u && taken < step.components && plane == 0u && !frosted);
         let here = select(select(free_component(met.w), 0u, branches), left, goes_on);

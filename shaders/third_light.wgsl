@@ -26,7 +26,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let l = throughput[third].xyz * reflected_radiance(point_kd[third].xyz, lighting_of(third));
     let found = emitted[third].xyz;
     emitted[second] += vec4<f32>(found + l, 0.0);
-    // What it found may be an outlier among the second components.
+    // The lamp that a third component found may be an outlier among the second components.
     if mean3(found) > 0.0 {
         let word = bitcast<u32>(point_wo[second].w);
         point_wo[second].w = bitcast<f32>(word | flag_if(DEEP, has_flag(point_wo[third].w, UNLIKELY | DEEP)));

@@ -268,7 +268,8 @@ impl Frame {
                     region: &eye.planes.region,
                     path_gain: path_gain_of.as_ref(),
                 };
-                let slots = plan.eye.slots();
+                // Third components have joined the second ones.
+                let slots = plan.eye.pixels * plan.eye.components;
                 (Some(Outliers::new(kit, &inputs, slots)?), Some(Unlikely::new(kit, &inputs, slots)?))
             }
         };

@@ -101,7 +101,7 @@ pub struct EyePlan {
     pub steps: u32,
     /// Components of each pixel that are filtered and shown: 2 if paths are split.
     pub components: u32,
-    /// Slots of each pixel: as many, and one more for the third component of paths that may split again.
+    /// Slots of each pixel: one for each of these components, and one for the third component where paths may split twice.
     pub slots_of_pixel: u32,
     /// Whether they may meet mirrors without a diffuse base.
     pub plain_mirrors: bool,

@@ -19,7 +19,7 @@ fn component_of(slot: u32) -> u32 {
 
 // Whether a slot is that of a third component.
 fn is_third(slot: u32) -> bool {
-    return slot >= 2u * frame.size.z;
+    return component_of(slot) == 2u;
 }
 
 // Pixel of a slot.

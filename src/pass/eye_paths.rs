@@ -242,7 +242,7 @@ pub fn reference(
     let splits = step == 0 && components > 1;
     let free = if splits { 1 } else { path.free };
     let (mut next, mut branch) = followed(frame, scene, (step, class), (splits, free), path, way, surface, plane)?;
-    // What is left is for the path itself, or for the other one if it ends here; nothing beyond an image that is spread.
+    // The path itself takes the slots that are left; where it ends here the other component takes them. Images that are spread leave none.
     let goes_on = |path: &EyePath| path.ray.is_some();
     let branches = branch.as_ref().is_some_and(goes_on);
     let taken = free + u32::from(branches);
@@ -260,7 +260,7 @@ pub fn reference(
     Some((next, branch))
 }
 
-/// The paths without what they know of slots that are left and of their own length.
+/// [`reference`] without the flags for free slots and for deep paths.
 #[allow(clippy::too_many_arguments)]
 fn followed(
     frame: &layout::FrameParameters,

@@ -546,7 +546,7 @@ impl Lighting {
 /// A list of shading points or of tiles, and its length.
 #[derive(Clone)]
 pub struct List {
-    /// Slots: first one for each pixel, then one for the second component of each pixel. Or numbers of tiles.
+    /// Slots: first one for each pixel, then one for the second component of each pixel, then one for the third. Or numbers of tiles.
     pub entries: Buffer,
     /// A [`layout::DispatchCounts`].
     pub work: Buffer,

@@ -1,7 +1,7 @@
 //! Takes away emission that a path found by chance: single pixels much brighter than those around them.
 //!
-//! Where a path has split as often as it may it chooses one component ([`eye_paths`](super::eye_paths)). A lamp by reflection in twenty-fifths of the
-//! light is then found by one path in twenty-five, and is as bright as the lamp itself, for it stands for the others too. And curved glass makes lamps so small, after three surfaces,
+//! Where a path has split as often as it may it chooses one component ([`eye_paths`](super::eye_paths)). One path in twenty-five
+//! then finds a reflection that carries a twenty-fifth of the light, and a lamp in it is as bright as the lamp itself, for the path stands for the others too. Curved glass also makes lamps so small
 //! that the ray of a pixel meets them in few passes. In the first frames such pixels are most of the error. Where a path chose a component of a probability below
 //! one half, or passed three mirrors and surfaces of glass, the emission along it is lowered so that the pixel's component has at most [`ABOVE`] times the radiance that four of the eight pixels around it have
 //! (those of its tile of 8 x 8 pixels); with the filter's weight ([`Filter::weight`](crate::settings::Filter::weight)):

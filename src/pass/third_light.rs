@@ -1,8 +1,8 @@
 //! Adds the light of third components (see `eye_paths`) to the emission of the second ones of their pixels:
 //! L_e2 += L_e3 + throughput (kd / pi * (E_direct + E_indirect) + L_specular), all of the third component.
 //!
-//! So all later passes know two components. What third ones show is not filtered: it is faint, some hundredths of what lies around it, or
-//! sharp, a lamp by reflection within a ball. Cost: 9 vec4 and 20 operations for each pixel of a tile that shows mirrors or glass, in scenes with glass.
+//! Later passes then handle two components. No filter averages the light of third components: reflections of the room within a ball carry some hundredths
+//! of the light around them, and reflections of lamps are sharp. Cost: 9 vec4 and 20 operations for each pixel of a tile that shows mirrors or glass, in scenes with glass.
 
 use super::schedule::LIST_GROUPS;
 use super::{BoundKernel, EyePathState, Kit, Lighting, List, ShadingPoints};
