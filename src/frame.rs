@@ -7,6 +7,7 @@ use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::film::Film;
 use crate::gpu::{Buffer, Context, Image, Memory, Recorder, Resources, Staging};
+use crate::pass::caustics::Caustics;
 use crate::pass::delta_choice::{Candidates, DeltaChoice};
 use crate::pass::discontinuity::{self, Discontinuity};
 use crate::pass::discontinuity_lobes::DiscontinuityLobes;
@@ -48,9 +49,9 @@ pub struct Kept {
 }
 
 /// Words of 32 bits of a pixel in each of [`Frame::more_buffers`].
-pub(crate) const MORE_WORDS: [usize; MORE] = [1, 4, 8, 4, 4, 4, 4, 4, 4];
+pub(crate) const MORE_WORDS: [usize; MORE] = [1, 4, 8, 4, 4, 4, 4, 4, 4, 4, 4];
 /// Number of these arrays.
-pub(crate) const MORE: usize = 9;
+pub(crate) const MORE: usize = 11;
 
 /// The stages of a frame and its buffers.
 pub struct Frame {
@@ -94,6 +95,8 @@ pub struct Frame {
     pub discontinuity: Option<Discontinuity>,
     /// Exchanges irradiance where the filter found few neighbours.
     pub sparse_windows: Option<SparseWindows>,
+    /// Keeps caustics out of the filter.
+    pub caustics: Option<Caustics>,
     /// Keeps what the filter added to second components.
     pub path_gain: Option<PathGain>,
     /// Adds the light of paths along specular lobes.
@@ -224,6 +227,13 @@ impl Frame {
             }
         };
         let lighting = discontinuity.as_ref().map_or(&shade.lighting, |filter| &filter.filtered);
+        let caustics = match (&discontinuity, photon_lighting.as_ref().and_then(|photons| photons.caustic.as_ref())) {
+            (Some(filter), Some(caustic)) => {
+                let slots = plan.eye.pixels * plan.eye.components;
+                Some(Caustics::new(kit, caustic, [&shade.lighting, &filter.filtered], slots)?)
+            }
+            _ => None,
+        };
         let path_gain_of = match settings.filter.is_some() && !plan.view.has_lens() && !plan.view.has_shutter() {
             false => None,
             true => Some(kit.vec4s("gain of paths and edges", plan.eye.pixels)?),
@@ -330,6 +340,7 @@ impl Frame {
             third_light,
             discontinuity,
             sparse_windows,
+            caustics,
             path_gain,
             glossy_light,
             discontinuity_lobes,
@@ -401,8 +412,10 @@ impl Frame {
 
     /// Records the part that makes an image of these points, and adds it to the film.
     fn record_rest(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
+        self.caustics.as_ref().map_or(Ok(()), |caustics| caustics.record_take(rec))?;
         self.discontinuity.run(rec)?;
         self.sparse_windows.run(rec)?;
+        self.caustics.as_ref().map_or(Ok(()), |caustics| caustics.record_add(rec))?;
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;
@@ -460,7 +473,7 @@ impl Frame {
     }
 
     /// More of the shaded points, of which each pixel has [`MORE_WORDS`]: the reflector that it shows, where that is not 0 what spreads its mirror image
-    /// ([`Planes`]), its velocity, and the near light that spreads from it and from its second component, direct and indirect; each with the place where
+    /// ([`Planes`]), its velocity, the near light that spreads from it and from its second component, direct and indirect, and the caustics that both show; each with the place where
     /// the array begins, bytes. `None`: there is no such array.
     pub(crate) fn more_buffers(&self) -> [Option<(&Buffer, u64)>; MORE] {
         let Planes { region, widening, extras, reprojected } = &self.eye.planes;
@@ -475,7 +488,9 @@ impl Frame {
         let mean = |k: usize| means.get(k).copied();
         let whole = [a, b, c, d, velocity, mean(0), mean(1)].map(|buffer| Some((buffer?, 0)));
         let second = [mean(0), mean(1)].map(|buffer| Some((buffer?, 16 * pixels)));
-        let mut all = whole.into_iter().chain(second);
+        let caustic = self.caustics.as_ref().map(|caustics| &caustics.caustic);
+        let caustics = [0, 16 * pixels].map(|at| Some((caustic?, at)));
+        let mut all = whole.into_iter().chain(second).chain(caustics);
         std::array::from_fn(|i| {
             let needed = 4 * MORE_WORDS[i] as u64 * pixels;
             all.next().flatten().filter(|(buffer, at)| buffer.bytes() >= at + needed)

@@ -3,7 +3,7 @@
 //!
 //! A point is all that the stages after shading read: position, normals, reflectance, direction to the eye, emission, throughput, and light, 176
 //! bytes for each of its components; first hits, 8 or 16 bytes, where edges are antialiased; what spreads the mirror image of a glossy plane, 20 to 68 bytes, where
-//! there are such planes; a velocity, 16 bytes, of an open shutter; near light, 32 or 64 bytes, that spreads over pixels of other classes. Nothing is rounded, so the image has the bits
+//! there are such planes; a velocity, 16 bytes, of an open shutter; near light, 32 or 64 bytes, that spreads over pixels of other classes; caustics, 16 or 32 bytes, in scenes with photons. Nothing is rounded, so the image has the bits
 //! of a pass by one process; [`packing`] rounds.
 //!
 //! Cost of a task beside its share of the rays: lights and photons of all classes, and passes over the image that skip its other pixels.
@@ -36,7 +36,7 @@ pub struct Shape {
     /// Arrays of 16 bytes a slot, and of 8 bytes a pixel.
     pub arrays: [usize; 2],
     /// Words of 32 bits that a pixel has in each further array; 0: there is no such array.
-    pub more: [usize; 9],
+    pub more: [usize; 11],
 }
 
 impl Shape {

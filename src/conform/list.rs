@@ -75,6 +75,7 @@ macro_rules! each_check {
             }
             photons {
                 photons_follow_their_oracles("photon_lights photon_start photon_follow photon_radius photon_keys photon_cells photon_width photon_find photon_light sort_keys sort_count sort_scan sort_scatter", Nothing, "indirect dispatch", "1e-3; 1 photon of 1000 may differ; sorting exact");
+                caustics_are_kept_out_of_the_filters("caustics_take caustics_add", Nothing, "", "exact");
                 photons_from_an_environment_follow_their_oracles("photon_lights photon_start photon_follow photon_radius photon_keys photon_cells photon_width photon_find photon_light", Nothing, "indirect dispatch", "1e-3; 1 photon of 1000 may differ; sorting exact");
             }
             splats {

@@ -11,6 +11,7 @@
 pub mod accumulate;
 pub mod atlas;
 pub mod camera_rays;
+pub mod caustics;
 pub mod clusters;
 pub mod collect;
 pub mod convolve;

@@ -7,7 +7,7 @@
 //!
 //! The paper counts photons within r alike; this kernel (Epanechnikov's) has no edge, so that single photons show no discs.
 //!
-//! Each photon has its own r, at most that of the look-up ([`photon_width`]), and photons are found by 8 look-ups in the grid of cells of
+//! Each photon has its own r, at most that of the look-up ([`photon_width`](super::photon_width)), and photons are found by 8 look-ups in the grid of cells of
 //! size 2r (4.1). The diffuse part is added to the indirect irradiance, the lobe's to the specular radiance. A photon counts if it arrived on the
 //! point's side, at a surface within 60 degrees of the point's, so that light does not pass thin walls or turn around
 //! corners; and with [`interleave_photons`](crate::settings::Settings::interleave_photons) if its class is that of the pixel (4.2), else
@@ -26,11 +26,12 @@
 
 use glam::Vec3;
 
+use super::caustics::SHARP;
 use super::photon_grid::{Grid, grid_class};
 use super::schedule::LIST_GROUPS;
 use super::shade::ShadingPoint;
 use super::sort::class_of;
-use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, photon_width, push};
+use super::{BoundKernel, Kit, Lighting, List, ShadingPoints, layout, push};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::scene::Material;
@@ -45,16 +46,18 @@ pub struct PhotonLight {
 }
 
 impl PhotonLight {
-    /// Adds to `lighting` of the points on the list.
+    /// Adds to `lighting` of the points on the list, and to `caustic`, as far as it goes, the irradiance by photons of footprints that are
+    /// [`SHARP`].
     pub fn new(
         kit: &Kit,
         points: &ShadingPoints,
         list: &List,
         grid: &Grid,
-        lighting: &Lighting,
+        (lighting, caustic): (&Lighting, &Buffer),
         steps: &Resources,
     ) -> Result<Self> {
-        let sets = [&points.resources(), &list.resources(), &grid.resources(), &lighting.resources(), steps];
+        let own = Resources::of([("caustic", caustic), ("stored", &grid.list.work)]);
+        let sets = [&points.resources(), &list.resources(), &grid.resources(), &lighting.resources(), &own, steps];
         Ok(PhotonLight { kernel: kit.bind(&shaders::PHOTON_LIGHT, &sets)?, work: list.work.clone() })
     }
 
@@ -75,35 +78,38 @@ pub struct Photon {
     pub wi: Vec3,
     /// Flux if the class had this photon only.
     pub flux: Vec3,
-    /// Flux of the photons around it ([`photon_width::around`]).
-    pub around: f32,
+    /// r^2 over the squared radius of its footprint ([`photon_width::narrowing`]).
+    pub narrowing: f32,
     /// Its class in the grid.
     pub class: u32,
     /// It comes from an emitter without area.
     pub without_area: bool,
 }
 
-/// Oracle: irradiance and specular radiance that photons add at the shading point of a slot.
+/// Oracle: irradiance and specular radiance that photons add at the shading point of a slot, and the irradiance by those of sharp footprints.
 pub fn reference(
     frame: &layout::FrameParameters,
     materials: &[Material],
     slot: u32,
     receiver: &ShadingPoint,
     photons: &[Photon],
-) -> [Vec3; 2] {
+) -> [Vec3; 3] {
     let [radius, _, share, _] = frame.photon;
     let class = grid_class(frame, class_of(frame, slot));
-    let mut sums = [Vec3::ZERO; 2];
+    let mut sums = [Vec3::ZERO; 3];
     for photon in photons {
         let (cos_geometric, cos_shading) = (photon.wi.dot(receiver.geometric), photon.wi.dot(receiver.shading));
-        let width2 = photon_width::width2(frame, photon);
-        let part = photon.position.distance_squared(receiver.position) / (width2 * radius * radius);
-        let kernel = 2.0 * (1.0 - part) / width2;
+        let width2 = radius * radius / photon.narrowing;
+        let part = photon.position.distance_squared(receiver.position) / width2;
+        let kernel = 2.0 * (1.0 - part) * photon.narrowing;
         let near = photon.class == class && kernel > 0.0;
         let faces = photon.normal.dot(receiver.geometric) > MIN_COSINE && cos_geometric > 0.0 && cos_shading > 0.0;
         if near && faces {
             let arriving = photon.flux * ((cos_shading / cos_geometric.max(1e-7)).min(4.0) * share * kernel);
             sums[0] += arriving;
+            if photon.narrowing >= SHARP {
+                sums[2] += arriving;
+            }
             // A path along the lobe brings this light, unless no path can meet its emitter.
             if receiver.sampled.is_none() || photon.without_area {
                 sums[1] +=

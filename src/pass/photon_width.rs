@@ -7,7 +7,8 @@
 //! r_i = r sqrt(min(k Phi_i / sum_j Phi_j, 1))
 //! ```
 //!
-//! with k = [`FOOTPRINT`]: where photons are dense some k of them light a point, and caustics stay sharp; where they are sparse, or one
+//! with k = [`FOOTPRINT`] over the root of the number of the pass in its instance: where photons are dense some k of them light a point, and caustics stay
+//! sharp, the sharper the more passes there are to average; where they are sparse, or one
 //! carries much more than those around it, it keeps r, and no spot shows. Each photon gives all its flux whatever its width, so energy
 //! is kept. A radius set by hand is that of all photons ([`photon_radius`](crate::settings::Settings::photon_radius)).
 //!
@@ -24,8 +25,8 @@ use super::{BoundKernel, Kit, groups, layout, push};
 use crate::error::Result;
 use crate::gpu::{Recorder, Resources, shaders};
 
-/// Photons whose flux, if they were alike, would light a point where photons are dense. Higher: less noise from a pass, and more blur.
-pub const FOOTPRINT: f32 = 6.0;
+/// Photons whose flux, if they were alike, would light a point where photons are dense, in the first pass. Higher: less noise from a pass, and more blur.
+pub const FOOTPRINT: f32 = 14.0;
 
 /// The pass.
 pub struct PhotonWidth {
@@ -54,11 +55,11 @@ pub fn around(frame: &layout::FrameParameters, own: &Photon, photons: &[Photon])
     photons.iter().filter(near).filter(faces).map(|p| mean(p.flux)).sum()
 }
 
-/// Oracle: squared radius of a footprint, over that of the look-up.
-pub fn width2(frame: &layout::FrameParameters, photon: &Photon) -> f32 {
+/// Oracle: r^2 over the squared radius of a footprint, by the flux of the photons around its photon.
+pub fn narrowing(frame: &layout::FrameParameters, photon: &Photon, around: f32) -> f32 {
     match frame.lens[3] {
         0.0 => 1.0,
-        many => (many * mean(photon.flux) / photon.around).min(1.0),
+        many => (around / (many * mean(photon.flux))).max(1.0),
     }
 }
 

@@ -147,7 +147,7 @@ impl Plan {
                 lookout.lens[0],
                 lookout.lens[1],
                 Filter::weight(refined),
-                if s.photon_radius.is_some() { 0.0 } else { FOOTPRINT },
+                if s.photon_radius.is_some() { 0.0 } else { FOOTPRINT / ((1 + refined / INSTANCES) as f32).sqrt() },
             ],
             cones: [
                 cones.pixel,

@@ -41,7 +41,7 @@ impl PhotonPlan {
     /// Photons that one dispatch of the look-up may loop over within `budget`: each takes at most 11 iterations (its
     /// own, 8 to find its cell including the exit, 2 for a specular lobe, beside `tables` 4), besides 10 for the cells and the exit.
     pub fn chunk(budget: u32, tables: bool) -> u32 {
-        (budget.saturating_sub(10) / if tables { 13 } else { 11 }).max(1)
+        (budget.saturating_sub(2) / if tables { 7 } else { 5 }).max(1)
     }
 
     /// Radius of the look-up for a view of this size ([`Extent::size`]), unless `photon_radius` sets it: 0.8 of the size over sqrt(N), at most a

@@ -174,6 +174,8 @@ impl Stage for Photons {
 pub struct PhotonLighting {
     /// The shading points that may have photons around them.
     pub found: List,
+    /// Irradiance by those of small footprints, of each slot of first and second components; `None`: the filter averages it too.
+    pub caustic: Option<Buffer>,
     counts: Counts,
     find: PhotonFind,
     width: PhotonWidth,
@@ -201,14 +203,17 @@ impl PhotonLighting {
         let steps = table.stage(kit, "photon light steps")?;
         let entries = kit.array("points with photons", 1, eye.list.entries.bytes())?;
         let found = List::new(kit, "points with photons", &entries)?;
+        let keeps = plan.settings.filter.is_some() && !plan.settings.interleave_photons;
+        let caustic = kit.vec4s("caustic", if keeps { plan.eye.pixels * plan.eye.components } else { 1 })?;
         Ok(Some(PhotonLighting {
             counts: Counts::new(kit, 1, [&found])?,
             find: PhotonFind::new(kit, &eye.points, &eye.list, &photons.grid, &found, &steps)?,
             width: PhotonWidth::new(kit, &photons.grid, photons.count, &steps)?,
-            light: PhotonLight::new(kit, &eye.points, &found, &photons.grid, &shade.lighting, &steps)?,
+            light: PhotonLight::new(kit, &eye.points, &found, &photons.grid, (&shade.lighting, &caustic), &steps)?,
             list_step,
             stretches,
             found,
+            caustic: Some(caustic).filter(|_| keeps),
         }))
     }
 }
@@ -218,6 +223,7 @@ impl Stage for PhotonLighting {
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.counts.record_clear(rec)?;
+        self.caustic.as_ref().map_or(Ok(()), |caustic| rec.fill(caustic, 0))?;
         self.find.record(rec, self.list_step)?;
         self.width.record(rec, &self.stretches)?;
         self.light.record(rec, &self.stretches)

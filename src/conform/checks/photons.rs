@@ -2,8 +2,10 @@
 
 use crate::bsdf::Reflectance;
 use crate::bsdf::ideal::Media;
-use crate::conform::Bench;
 use crate::conform::tally::within;
+use crate::conform::{Bench, Must};
+use crate::gpu::Staging;
+use crate::pass::caustics::SHARP;
 use crate::pass::layout::{DispatchCounts, FrameParameters, PointLight};
 use crate::pass::photon_follow::{self, Fate};
 use crate::pass::photon_light::{self, Photon};
@@ -12,7 +14,7 @@ use crate::pass::shade::ShadingPoint;
 use crate::pass::surface::surface_at;
 use crate::pass::{ShadingPoints, photon_find, photon_grid, photon_lights, photon_radius, photon_start, photon_width};
 use crate::scene::Scene;
-use crate::settings::{Reflectance as Form, Sequence, Settings};
+use crate::settings::{Filter, Reflectance as Form, Sequence, Settings};
 use crate::stage::{Photons, Stage};
 use glam::{Vec3, Vec4};
 
@@ -240,7 +242,7 @@ fn check_grid(rig: &mut Rig, what: &str) -> Vec<Photon> {
         assert_eq!(normal[i].w.to_bits(), class, "{what}: class of place {i}");
         let without_area = flux[i].w == photon_start::WITHOUT_AREA;
         let [normal, wi, flux] = [normal[i], wi[i], flux[i]].map(Vec4::truncate);
-        Photon { position: place, normal, wi, flux, around: 0.0, class, without_area }
+        Photon { position: place, normal, wi, flux, narrowing: 1.0, class, without_area }
     });
     let sorted = sorted.collect();
     assert!(buckets == counted, "{what}: first and end of each bucket");
@@ -255,7 +257,7 @@ fn check_grid(rig: &mut Rig, what: &str) -> Vec<Photon> {
 }
 
 /// Lights the image; returns the number of points that photons light, diffusely and by a lobe.
-fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut usize) -> [usize; 2] {
+fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut usize) -> [usize; 3] {
     rig.light();
     let frame = rig.frame();
     let sums = || [&frame.shade.lighting.indirect, &frame.shade.lighting.specular].map(|b| rig.vec4s(b));
@@ -266,11 +268,12 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
     let around: Vec<f32> = photons.iter().map(|own| photon_width::around(&rig.parameters, own, &photons)).collect();
     let mut widths = Tally::new(format!("photon_width, {what}"));
     for (i, (photon, wi)) in photons.iter_mut().zip(rig.vec4s(&self::photons(rig).grid.wi)).enumerate() {
-        widths.check(close(Vec3::splat(wi.w), Vec3::splat(around[i]), 1e-4, 0.0), || {
-            format!("{i}: {} for {}", wi.w, around[i])
+        let expected = photon_width::narrowing(&rig.parameters, photon, around[i]);
+        widths.check(close(Vec3::splat(wi.w), Vec3::splat(expected), 1e-4, 0.0), || {
+            format!("{i}: {} for {expected}", wi.w)
         });
-        photon.around = wi.w;
-        *narrowed += usize::from(photon_width::width2(&rig.parameters, photon) < 1.0);
+        photon.narrowing = wi.w;
+        *narrowed += usize::from(wi.w >= SHARP);
     }
     widths.finish(STRAYS);
     let r = &frame.eye.points;
@@ -286,7 +289,8 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
     found.sort_unstable();
     assert_eq!(found, photon_find::reference(&rig.parameters, &listed, &of_photons), "{what}: receivers found");
     let mut tally = Tally::new(format!("photon_light, {what}"));
-    let mut lit = [0; 2];
+    let caustic = frame.photon_lighting.as_ref().unwrap().caustic.as_ref().map(|caustic| rig.vec4s(caustic));
+    let mut lit = [0; 3];
     for slot in rig.list(0) {
         let i = slot as usize;
         let reflectance =
@@ -302,8 +306,16 @@ fn check_light(rig: &Rig, what: &str, mut photons: Vec<Photon>, narrowed: &mut u
         };
         let expected = photon_light::reference(&rig.parameters, &rig.scene.materials, slot, &receiver, &photons);
         for (k, sum) in expected.into_iter().enumerate() {
-            let found = (after[k][i] - before[k][i]).truncate();
-            let rounding = 1e-5 * before[k][i].truncate().max_element();
+            let (found, rounding) = match (k, &caustic) {
+                (2, None) => continue,
+                // Third components are not filtered.
+                (2, Some(caustic)) if i >= caustic.len() => continue,
+                (2, Some(caustic)) => (caustic[i].truncate(), 0.0),
+                _ => {
+                    let rounding = 1e-5 * before[k][i].truncate().max_element();
+                    ((after[k][i] - before[k][i]).truncate(), rounding)
+                }
+            };
             let left_out = k == 1 && reflectance.f90 == 0.0;
             let wanted = if left_out { Vec3::ZERO } else { sum };
             let values = [(found, wanted)];
@@ -325,7 +337,7 @@ fn follow(
     settings: Settings,
     sine: f32,
     (seen, narrowed): (&mut [usize; 4], &mut usize),
-) -> [usize; 2] {
+) -> [usize; 3] {
     let what = format!("{} photons, {size:?}, pattern {:?}", settings.photons, settings.pattern);
     let mut rig = bench.rig(scene, size, settings);
     seen[3] += check_start(&rig, &what, sine);
@@ -349,13 +361,13 @@ pub fn photons_from_an_environment_follow_their_oracles(bench: &Bench) {
     };
     let (mut seen, mut narrowed) = ([0; 4], 0);
     let lit = follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
-    bench.covered(seen.iter().all(|&n| n > 10) && lit.iter().all(|&n| n > 0), format_args!("{seen:?} {lit:?}"));
+    bench.covered(seen.iter().all(|&n| n > 10) && lit[..2].iter().all(|&n| n > 0), format_args!("{seen:?} {lit:?}"));
 }
 
 pub fn photons_follow_their_oracles(bench: &Bench) {
     let scene = gallery_with_tables();
     let sine = sine_error(bench, &scene);
-    let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 2]);
+    let (mut seen, mut narrowed, mut lit) = ([0; 4], 0, [0; 3]);
     let base = Settings {
         reflectance: Form::Fresnel,
         particles: 4,
@@ -370,7 +382,7 @@ pub fn photons_follow_their_oracles(bench: &Bench) {
         lit = follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
     }
     log::info!("lost, stored, gone on, from lights: {seen:?}; receivers lit diffusely and by a lobe: {lit:?}");
-    bench.covered(seen.iter().all(|&n| n > 100) && lit.iter().all(|&n| n > 10), format_args!("{seen:?} {lit:?}"));
+    bench.covered(seen.iter().all(|&n| n > 100) && lit[..2].iter().all(|&n| n > 10), format_args!("{seen:?} {lit:?}"));
     // The other sequence; paths along lobes.
     let settings = Settings { photons: 341, sequence: Sequence::Sobol, glossy_paths: true, ..base.clone() };
     follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
@@ -379,26 +391,83 @@ pub fn photons_follow_their_oracles(bench: &Bench) {
     lit = follow(bench, &scene, [31, 17], settings.clone(), sine, (&mut seen, &mut narrowed));
     bench.covered(lit[0] > 10, format_args!("{lit:?}"));
     // Numbers of pixels and of photons that fill no workgroup, each alone and in classes.
-    lit = [0; 2];
+    lit = [0; 3];
     for size in bench.images() {
         for settings in [Settings { photons: 2039, seed: 5, ..base.clone() }, settings.clone()] {
             let more = follow(bench, &scene, size, settings, sine, (&mut seen, &mut narrowed));
-            lit = [0, 1].map(|k| lit[k] + more[k]);
+            lit = [0, 1, 2].map(|k| lit[k] + more[k]);
         }
     }
-    bench.covered(lit.iter().all(|&n| n > 100), format_args!("{lit:?}"));
-    // Footprints by the photons around, which all classes share.
+    bench.covered(lit[..2].iter().all(|&n| n > 100), format_args!("{lit:?}"));
+    // Footprints by the photons around, which all classes share; some are caustics, which the filter does not average.
     assert_eq!(narrowed, 0, "a radius of one's own is kept");
-    lit = [0; 2];
+    lit = [0; 3];
     for (photons, pattern, size) in [(16381, [1, 1], [61, 47]), (2039, [3, 2], [97, 61])] {
-        let shared = Settings { photons, pattern, photon_radius: None, interleave_photons: false, ..base.clone() };
+        let shared = Settings {
+            photons,
+            pattern,
+            photon_radius: None,
+            interleave_photons: false,
+            filter: Some(Filter::default()),
+            ..base.clone()
+        };
         let stretches = Settings { loop_budget: 1152, rounds: 100, ..shared.clone() };
         for settings in [shared, stretches] {
             let more = follow(bench, &scene, size, settings, sine, (&mut seen, &mut narrowed));
-            lit = [0, 1].map(|k| lit[k] + more[k]);
+            lit = [0, 1, 2].map(|k| lit[k] + more[k]);
         }
     }
     bench.covered(lit.iter().all(|&n| n > 10), format_args!("{lit:?}"));
     log::info!("{narrowed} photons narrower than the radius");
     bench.covered(narrowed > 50, format_args!("{narrowed} photons are narrower than the radius"));
+}
+
+pub fn caustics_are_kept_out_of_the_filters(bench: &Bench) {
+    let scene = gallery_with_tables();
+    let mut numbers = bench.numbers(11);
+    let (mut kept, mut left) = ([0; 2], 0);
+    for resolution in bench.images().chain([[97, 61]]) {
+        let settings = Settings {
+            photons: 2,
+            particles: 3,
+            interleave_photons: false,
+            filter: Some(Filter::default()),
+            ..Settings::plain()
+        };
+        let rig = bench.rig(&scene, resolution, settings);
+        rig.light();
+        let frame = rig.frame();
+        let caustics = frame.caustics.as_ref().unwrap();
+        // Light at one slot of three.
+        let slots = 0..caustics.caustic.bytes() / 16;
+        let caustic: Vec<Vec3> = slots.map(|slot| if slot % 3 == 0 { numbers.vec3() } else { Vec3::ZERO }).collect();
+        let words: Vec<Vec4> = caustic.iter().map(|light| light.extend(0.0)).collect();
+        let mut staging = Staging::new();
+        staging.stage_into(bench, &caustics.caustic, 0, &words).must();
+        rig.run(|_, rec| staging.record(rec));
+        let (raw, filtered) =
+            (&frame.shade.lighting.indirect, &frame.discontinuity.as_ref().unwrap().filtered.indirect);
+        let before = rig.vec4s(raw);
+        rig.run(|frame, rec| {
+            frame.caustics.as_ref().unwrap().record_take(rec)?;
+            frame.discontinuity.run(rec)
+        });
+        let (taken, averaged) = (rig.vec4s(raw), rig.vec4s(filtered));
+        rig.run(|frame, rec| frame.caustics.as_ref().unwrap().record_add(rec));
+        let (given, after) = (rig.vec4s(raw), rig.vec4s(filtered));
+        let bits = |v: Vec4| v.to_array().map(f32::to_bits);
+        for (slot, caustic) in caustic.into_iter().enumerate() {
+            let light = caustic.extend(0.0);
+            // Slots without light may hold any value.
+            let of = |sum: Vec4, light: Vec4| if light == Vec4::ZERO { sum } else { sum + light };
+            assert_eq!(bits(taken[slot]), bits(of(before[slot], -light)), "{resolution:?}, slot {slot}: taken");
+            assert_eq!(bits(given[slot]), bits(of(taken[slot], light)), "{resolution:?}, slot {slot}: given back");
+            assert_eq!(bits(after[slot]), bits(of(averaged[slot], light)), "{resolution:?}, slot {slot}: added");
+            match light == Vec4::ZERO {
+                true => left += 1,
+                false => kept[usize::from(slot >= rig.parameters.size[2] as usize)] += 1,
+            }
+        }
+    }
+    bench.covered(kept.iter().all(|&n| n > 10) && left > 100, format_args!("{kept:?}, {left}"));
 }
