@@ -80,7 +80,7 @@
 //!    [`near_points`](pass::near_points) finds the pixels that show the hits of others, and
 //!    [`near_collect`](pass::near_collect) takes their irradiance. [`third_light`](pass::third_light) then joins the third components of eye paths to the second ones.
 //! 7. [`discontinuity`](pass::discontinuity) averages irradiance over neighbours on one surface, [`sparse_windows`](pass::sparse_windows)
-//!    exchanges it where there are few of them,
+//!    exchanges it where there are few of them, both without that of [`caustics`](pass::caustics),
 //!    [`glossy_light`](pass::glossy_light) adds the light of paths along lobes to their pixels, and
 //!    [`discontinuity_lobes`](pass::discontinuity_lobes) averages the light of lobes over neighbours that reflect alike.
 //!    Light with [soft shadows](pass::soft_shadow::SoftShadowAdd) is added after them.

@@ -282,7 +282,7 @@ pub struct Settings {
     /// Radius of the photon density estimate, in scene units. Default `None`: 0.8 of the size of what the view shows over
     /// sqrt(photons), at most 1/15 of that size, shrinking with the fourth root of the passes.
     /// Up to three times that where few photons are stored, down to half of it where many are ([`crate::pass::photon_radius`]), and less where they are dense
-    /// ([`crate::pass::photon_width`]), where the blur of some six photons stays. A given radius is that of all photons, and is kept. Larger: less noise, more blur, and more
+    /// ([`crate::pass::photon_width`]), over fourteen photons in the first passes and fewer in later ones. A given radius is that of all photons, and is kept. Larger: less noise, more blur, and more
     /// photons to visit.
     pub photon_radius: Option<f32>,
     /// Each class of pixels is lit by its own photons only (Wald et al. 2002, 4.2). Default false: those of all classes light every
@@ -305,8 +305,8 @@ pub struct Settings {
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
     /// Mirrored lights (Keller 1997, 4.2) for each class of pixels and pass: pairs of a virtual light and a planar mirror,
-    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 2,
-    /// interactive 1; 0 to 1024; 0: light after a planar mirror comes from photons only. More: less noise; each costs up to two rays
+    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 6,
+    /// interactive 3; 0 to 1024; 0: light after a planar mirror comes from photons only. More: less noise; each costs up to two rays
     /// per pixel. Photons omit the paths that mirrored lights cover. No cost in scenes without planar mirrors, or if `max_depth` is
     /// below 3.
     pub mirror_lights: u32,
@@ -387,7 +387,7 @@ impl Default for Settings {
             soft_shadows: None,
             reflectance: Reflectance::Schlick,
             summands: false,
-            mirror_lights: 2,
+            mirror_lights: 6,
             clip: Clip::Fraction(0.1),
             compensation: Compensation::Near,
             light_threshold: 0.0,
@@ -448,7 +448,7 @@ impl Settings {
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter as by default, but
     /// with half the lights, 4 direct ones and some 15 others, and of the photons.
     pub fn interactive() -> Settings {
-        Settings { particles: 16, photons: 1500, mirror_lights: 1, ..Settings::default() }
+        Settings { particles: 16, photons: 1500, mirror_lights: 3, ..Settings::default() }
     }
 
     /// Checks every range of the table of keys, and what must fit together. Errors: [`Error::Setting`], which names the flag.

@@ -23,6 +23,8 @@ use crate::view::{Region, Task};
 
 /// Arrays of [`Frame::more_buffers`] that matter only where the first is not 0; the others matter for all pixels.
 const OF_REFLECTORS: std::ops::Range<usize> = 1..4;
+/// Arrays of [`Frame::more_buffers`] that are 0 at most pixels.
+const CAUSTICS: std::ops::Range<usize> = 9..11;
 
 /// The shape of the points of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -20,8 +20,8 @@
 //! Bias: caustics are blurred by r, and fade within r of an edge. In a concave corner only photons of the point's own
 //! side count.
 //!
-//! Cost for each point that `photon_find` has listed: 8 look-ups of 8 bytes, and 32 bytes and 40 operations for each
-//! photon in the buckets. A bucket may hold many photons, so a dispatch takes a range of all photons, as many as its
+//! Cost for each point that `photon_find` has listed: 8 look-ups of 8 bytes, and 20 bytes and 40 operations for each
+//! photon in the buckets, 44 bytes and 40 operations more where its footprint reaches the point. A bucket may hold many photons, so a dispatch takes a range of all photons, as many as its
 //! loop may ([`crate::plan::PhotonPlan::chunk`]).
 
 use glam::Vec3;

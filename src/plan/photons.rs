@@ -38,8 +38,8 @@ impl PhotonPlan {
         (self.total().next_power_of_two().trailing_zeros() + 1).min(MAX_BUCKET_BITS)
     }
 
-    /// Photons that one dispatch of the look-up may loop over within `budget`: each takes at most 11 iterations (its
-    /// own, 8 to find its cell including the exit, 2 for a specular lobe, beside `tables` 4), besides 10 for the cells and the exit.
+    /// Photons that one dispatch of the look-up may loop over within `budget`: each takes at most 5 iterations (its
+    /// own, 2 for those whose footprint reaches the point, the exit included, 2 for a specular lobe, beside `tables` 4), besides the exit.
     pub fn chunk(budget: u32, tables: bool) -> u32 {
         (budget.saturating_sub(2) / if tables { 7 } else { 5 }).max(1)
     }
@@ -128,11 +128,10 @@ mod tests {
     #[test]
     fn photons_are_looked_up_within_the_loop_budget() {
         for budget in [min_loop_budget(1), min_loop_budget(64), LOOP_BUDGET] {
-            // Every photon of the chunk, with the loops over cells and for the lobe; in addition the cells, and the
-            // exit.
-            for (tables, each) in [(false, 11), (true, 13)] {
+            // Every photon of the chunk, with the loops for its footprint and for the lobe; in addition the exit.
+            for (tables, each) in [(false, 5), (true, 7)] {
                 let chunk = PhotonPlan::chunk(budget, tables);
-                assert!(chunk >= 1 && each * chunk + 10 <= budget.max(25), "{budget}: {chunk}");
+                assert!(chunk >= 1 && each * chunk + 1 <= budget.max(25), "{budget}: {chunk}");
             }
         }
         let settings = Settings { photons: 500, pattern: [5, 5], ..Settings::plain() };

@@ -151,7 +151,7 @@ const EDITS: [(&str, Edit); 31] = [
     ("a wall becomes a mirror", |e| {
         change(e, "green", |m| (m.surface, m.specular) = (Surface::Mirror, Vec3::splat(0.6)));
     }),
-    ("mirrored lights", |e| settings_with(e, |s| s.mirror_lights = 3)),
+    ("fewer mirrored lights", |e| settings_with(e, |s| s.mirror_lights = 1)),
     ("an object moves before the mirror", |e| {
         let to = Affine3A::from_rotation_translation(Quat::from_rotation_y(0.4), Vec3::new(20.0, 0.0, 10.0));
         e.set_transform(0, to).unwrap();

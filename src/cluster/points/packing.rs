@@ -31,7 +31,7 @@ use glam::{Vec3, Vec4};
 use super::columns::{
     Colors, Normals, Steps, byte, decode_depth, decode_normal, encode_depth, get, put, put_colors, put_normals, share,
 };
-use super::{Listed, OF_REFLECTORS, Shape, TaskPoints, strange};
+use super::{CAUSTICS, Listed, OF_REFLECTORS, Shape, TaskPoints, strange};
 use crate::accel::{Ray, offset_origin};
 use crate::device_scene::encode_normal;
 use crate::error::Result;
@@ -449,15 +449,21 @@ impl TaskPoints {
     }
 }
 
-/// Appends the words of further arrays as they are, word by word: where they matter.
+/// Appends the words of further arrays as they are, word by word: where they matter; of caustics first the pixels that have any.
 fn put_more(out: &mut Vec<u8>, shape: &Shape, more: &[u32], pixels: usize) {
     let regions = &more[..shape.more[0] * pixels];
     let mut begin = 0;
     for (array, words) in shape.more.into_iter().enumerate() {
+        let of = |i: usize, word: usize| more[begin + words * i + word];
         let matters = |i: usize| !OF_REFLECTORS.contains(&array) || regions.get(i).is_some_and(|&region| region != 0);
+        let mut which: Vec<usize> = (0..pixels).filter(|&i| matters(i)).collect();
+        if CAUSTICS.contains(&array) && words > 0 {
+            let is_lit = |&i: &usize| (0..words).any(|word| of(i, word) != 0);
+            put::<1>(out, &which.iter().map(|i| u32::from(is_lit(i))).collect::<Vec<_>>());
+            which.retain(is_lit);
+        }
         for word in 0..words {
-            let of = |i: usize| more[begin + words * i + word];
-            put::<4>(out, &(0..pixels).filter(|&i| matters(i)).map(of).collect::<Vec<_>>());
+            put::<4>(out, &which.iter().map(|&i| of(i, word)).collect::<Vec<_>>());
         }
         begin += words * pixels;
     }
@@ -470,7 +476,11 @@ fn get_more(bytes: &mut &[u8], shape: &Shape, pixels: usize) -> Option<Vec<u32>>
     for (array, words) in shape.more.into_iter().enumerate() {
         let regions = &more[..shape.more[0] * pixels];
         let matters = |i: &usize| !OF_REFLECTORS.contains(&array) || regions.get(*i).is_some_and(|&region| region != 0);
-        let which: Vec<usize> = (0..pixels).filter(matters).collect();
+        let mut which: Vec<usize> = (0..pixels).filter(matters).collect();
+        if CAUSTICS.contains(&array) && words > 0 {
+            let mut lit = get::<u32, 1>(bytes, which.len())?.into_iter();
+            which.retain(|_| lit.next().is_some_and(|lit| lit != 0));
+        }
         for word in 0..words {
             let column = get::<u32, 4>(bytes, which.len())?;
             which.iter().zip(column).for_each(|(i, value)| more[begin + words * i + word] = value);

@@ -386,7 +386,7 @@ pub fn photons_follow_their_oracles(bench: &Bench) {
     // The other sequence; paths along lobes.
     let settings = Settings { photons: 341, sequence: Sequence::Sobol, glossy_paths: true, ..base.clone() };
     follow(bench, &scene, [31, 17], settings, sine, (&mut seen, &mut narrowed));
-    // Classes, and photons that are looked up in 15 ranges.
+    // Classes, and photons that are looked up in 13 ranges.
     let settings = Settings { photons: 341, pattern: [3, 2], loop_budget: 1152, rounds: 100, ..base.clone() };
     lit = follow(bench, &scene, [31, 17], settings.clone(), sine, (&mut seen, &mut narrowed));
     bench.covered(lit[0] > 10, format_args!("{lit:?}"));

@@ -145,7 +145,7 @@ keys! {
     /// Radius of the photon density estimate, in scene units; auto: by the size of what is seen and --photons.
     ///
     /// Larger: less noise and more blur. By default it shrinks with the fourth root of the passes, and
-    /// photons have smaller ones where they are dense, over some six of them; a given radius is that of all, and stays.
+    /// photons have smaller ones where they are dense, over fourteen of them and fewer in later passes; a given radius is that of all, and stays.
     photon_radius: Option<f32> = Key::above_0("--photon-radius", LIGHT, "R|auto", f32::MAX)
         .also(&[("auto", "By the size of what is seen and --photons")]).nothing_is("auto").or_by("auto");
     /// Light each class of pixels by its own photons only, in place of all of them.
@@ -156,7 +156,7 @@ keys! {
     ///
     /// They light visible points through planar mirrors, without the blur and the noise of photons, which then omit these
     /// paths. Each costs two rays for each pixel. No cost in scenes without planar mirrors.
-    mirror_lights: u32 = Key::count("--mirror-lights", LIGHT, 0, Settings::MAX_MIRROR_LIGHTS as u64).or_by("2; with --preset interactive: 1");
+    mirror_lights: u32 = Key::count("--mirror-lights", LIGHT, 0, Settings::MAX_MIRROR_LIGHTS as u64).or_by("6; with --preset interactive: 3");
     /// Clipping distance: closer than this, a virtual light grows no brighter, in scene units.
     ///
     /// Higher: smoother corners, and more light for compensation to restore (slower, a little grain).
