@@ -16,7 +16,7 @@
 //! | other positions | 3 x 24 bits | 2^-17 of the scale, less than that |
 //! | depth | from the ray, or 26 bits | relative, [`DEPTH_ERROR`] |
 //!
-//! Velocities, near light that spreads, and the data by which mirror images spread are sent exactly.
+//! Velocities, near light that spreads, caustics, and the data by which mirror images spread are sent exactly.
 //!
 //! Values that are no numbers, reflectances above 1, and positions beyond 64 times the scale are sent as they are, with all points of the task, so that the master
 //! leaves the pass out where it has to.
