@@ -78,7 +78,7 @@ pub struct Photon {
     pub wi: Vec3,
     /// Flux if the class had this photon only.
     pub flux: Vec3,
-    /// r^2 over the squared radius of its footprint ([`photon_width::narrowing`]).
+    /// r^2 over the squared radius of its footprint ([`narrowing`](super::photon_width::narrowing)).
     pub narrowing: f32,
     /// Its class in the grid.
     pub class: u32,
