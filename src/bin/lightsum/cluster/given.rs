@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn clients_keep_to_few_classes() {
         let settings = Settings { pattern: [3, 3], ..Settings::interactive() };
-        let shape = Shape { size: [96, 96], pattern: [3, 3], components: 1, arrays: [11, 0], more: [0; 9] };
+        let shape = Shape { size: [96, 96], pattern: [3, 3], components: 1, arrays: [11, 0], more: [0; 11] };
         for clients in [1, 2, 4, 8, 16] {
             let tasks = Task::cut(&settings, shape.size, (TASKS * clients) as u32);
             let of_pass = tasks.len();
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn tasks_of_a_lost_rank_are_given_out_again() {
-        let shape = Shape { size: [24, 24], pattern: [3, 3], components: 1, arrays: [11, 0], more: [0; 9] };
+        let shape = Shape { size: [24, 24], pattern: [3, 3], components: 1, arrays: [11, 0], more: [0; 11] };
         let tasks = Task::cut(&Settings { pattern: [3, 3], ..Settings::interactive() }, shape.size, 1);
         let mut given = Given::new(tasks.clone(), false);
         given.begin(0, 0, PassPoints::new(shape));
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_slow_rank_delays_no_pass() {
-        let shape = Shape { size: [24, 24], pattern: [3, 3], components: 1, arrays: [0, 0], more: [0; 9] };
+        let shape = Shape { size: [24, 24], pattern: [3, 3], components: 1, arrays: [0, 0], more: [0; 11] };
         let tasks = Task::cut(&Settings { pattern: [3, 3], ..Settings::interactive() }, shape.size, 1);
         let count = tasks.len();
         let mut given = Given::new(tasks, false);
