@@ -412,10 +412,10 @@ impl Frame {
 
     /// Records the part that makes an image of these points, and adds it to the film.
     fn record_rest(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
-        self.caustics.as_ref().map_or(Ok(()), |caustics| caustics.record_take(rec))?;
+        self.caustics.as_ref().map_or(Ok(()), |caustics| caustics.run_take(rec))?;
         self.discontinuity.run(rec)?;
         self.sparse_windows.run(rec)?;
-        self.caustics.as_ref().map_or(Ok(()), |caustics| caustics.record_add(rec))?;
+        self.caustics.as_ref().map_or(Ok(()), |caustics| caustics.run_add(rec))?;
         self.path_gain.run(rec)?;
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;

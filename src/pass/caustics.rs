@@ -40,12 +40,12 @@ impl Caustics {
     }
 
     /// Records the part before the filters.
-    pub fn record_take(&self, rec: &mut Recorder) -> Result<()> {
-        self.take.run(rec, &[], groups(self.slots))
+    pub fn run_take(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope("caustics", |rec| self.take.run(rec, &[], groups(self.slots)))
     }
 
     /// Records the part after them.
-    pub fn record_add(&self, rec: &mut Recorder) -> Result<()> {
-        self.add.run(rec, &[], groups(self.slots))
+    pub fn run_add(&self, rec: &mut Recorder) -> Result<()> {
+        rec.scope("caustics", |rec| self.add.run(rec, &[], groups(self.slots)))
     }
 }

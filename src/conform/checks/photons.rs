@@ -449,11 +449,11 @@ pub fn caustics_are_kept_out_of_the_filters(bench: &Bench) {
             (&frame.shade.lighting.indirect, &frame.discontinuity.as_ref().unwrap().filtered.indirect);
         let before = rig.vec4s(raw);
         rig.run(|frame, rec| {
-            frame.caustics.as_ref().unwrap().record_take(rec)?;
+            frame.caustics.as_ref().unwrap().run_take(rec)?;
             frame.discontinuity.run(rec)
         });
         let (taken, averaged) = (rig.vec4s(raw), rig.vec4s(filtered));
-        rig.run(|frame, rec| frame.caustics.as_ref().unwrap().record_add(rec));
+        rig.run(|frame, rec| frame.caustics.as_ref().unwrap().run_add(rec));
         let (given, after) = (rig.vec4s(raw), rig.vec4s(filtered));
         let bits = |v: Vec4| v.to_array().map(f32::to_bits);
         for (slot, caustic) in caustic.into_iter().enumerate() {

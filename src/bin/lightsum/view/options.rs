@@ -25,7 +25,7 @@ const PASSES: [(&str, &[&str]); 26] = [
     ("clip_fraction", &["near_light", "compensation"]),
     ("light_threshold", &["shade"]),
     ("lights_per_dispatch", &["shade"]),
-    ("filter", &["discontinuity", "sparse_windows", "discontinuity_lobes", "outliers", "unlikely"]),
+    ("filter", &["caustics", "discontinuity", "sparse_windows", "discontinuity_lobes", "outliers", "unlikely"]),
     ("no_filter_direct", &["discontinuity", "discontinuity_lobes"]),
     ("no_filter_sparse", &["sparse_windows"]),
     ("compensation", &["near_light", "compensation"]),
