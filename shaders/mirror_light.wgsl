@@ -22,7 +22,18 @@
 @group(0) @binding(11) var<storage, read> hits: array<vec4<f32>>;
 @group(0) @binding(12) var<storage, read_write> indirect: array<vec4<f32>>;
 @group(0) @binding(13) var<storage, read_write> specular: array<vec4<f32>>;
+@group(0) @binding(14) var<storage, read> direct: array<vec4<f32>>;
 var<immediate> push: Push;
+
+// Host twins: pass::mirror_lights::{MOST, FULL_PASSES}.
+const MOST: f32 = 8.0;
+const FULL_PASSES: f32 = 4.0;
+
+// Irradiance by a mirrored light at a point that has this much already: a light that few points see stands out.
+fn bounded(e: vec3<f32>, already: f32) -> vec3<f32> {
+    let weight = select(0.0, min(1.0, FULL_PASSES * frame.shift.w), already > 0.0 && frame.mirrors.w > 1u);
+    return e * (1.0 - weight * max(1.0 - MOST * already / max(mean3(e), 1e-30), 0.0));
+}
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -44,7 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let wo = point_wo[slot];
     // Classes of pixels take turns, as those with near rays do.
     let times = max(dot(wi, shading.xyz), 0.0) * falloff * near_ray_weight(slot, wo.w);
-    let e = intensity_of(l, wi) * reflected * times;
+    let e = bounded(intensity_of(l, wi) * reflected * times, mean3(direct[slot].xyz + indirect[slot].xyz));
     let lobe = point_lobe(geometric, shading, f0);
     let seen = free && mean3(reflected) > 0.0;
     // A path along the lobe brings the light of surfaces, but meets no light without area.
