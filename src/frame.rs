@@ -34,8 +34,8 @@ use crate::plan::Plan;
 use crate::ring::{Form, Paths};
 use crate::settings::LightChoice;
 use crate::stage::{
-    Compensation, Edges, Eye, GlossyPlanes, NearLight, Output, PhotonLighting, Photons, Shade, SoftShadows, Splats,
-    Stage, Walk,
+    Compensation, Edges, Eye, GlossyPlanes, LampEdges, NearLight, Output, PhotonLighting, Photons, Shade, SoftShadows,
+    Splats, Stage, Walk,
 };
 
 /// Buffers of a frame that the next one goes on with.
@@ -105,6 +105,8 @@ pub struct Frame {
     pub discontinuity_lobes: Option<DiscontinuityLobes>,
     /// Adds the light with soft shadows, which no filter averages.
     pub soft_shadow_add: Option<SoftShadowAdd>,
+    /// Antialiases lamps in mirrors and glass.
+    pub lamp_edges: Option<LampEdges>,
     /// Lowers emission that unlikely paths found.
     pub outliers: Option<Outliers>,
     /// Spreads what unlikely components show over their neighbours.
@@ -267,6 +269,7 @@ impl Frame {
                 Some(SoftShadowAdd::new(kit, &eye.points, &pass.direct, &all, plan.eye.pixels)?)
             }
         };
+        let lamp_edges = LampEdges::new(kit, plan, &eye, (lighting, path_gain_of.as_ref()))?;
         let (outliers, unlikely) = match settings.filter.is_some() && plan.eye.components == 2 {
             false => (None, None),
             true => {
@@ -345,6 +348,7 @@ impl Frame {
             glossy_light,
             discontinuity_lobes,
             soft_shadow_add,
+            lamp_edges,
             outliers,
             unlikely,
             glossy_planes,
@@ -420,6 +424,7 @@ impl Frame {
         self.glossy_light.run(rec)?;
         self.discontinuity_lobes.run(rec)?;
         self.soft_shadow_add.run(rec)?;
+        self.lamp_edges.run(rec)?;
         self.outliers.run(rec)?;
         self.unlikely.run(rec)?;
         self.glossy_planes.run(rec)?;

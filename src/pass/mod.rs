@@ -32,6 +32,7 @@ pub mod gathered_points;
 pub mod glossy_light;
 pub mod importance;
 pub mod kept_light;
+pub mod lamp_edges;
 pub mod layer;
 pub mod layout;
 pub mod lens;

@@ -11,6 +11,7 @@ pub mod film;
 pub mod gain;
 pub mod importance;
 pub mod kernels;
+pub mod lamp_edges;
 pub mod light;
 pub mod light_lists;
 pub mod near;

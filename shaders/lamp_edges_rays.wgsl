@@ -1,0 +1,71 @@
+// Starts rays at the pixels at edges of lamps. See pass/lamp_edges.rs.
+#include "frame.wgsl"
+#include "work.wgsl"
+#include "camera.wgsl"
+#include "edge_rays.wgsl"
+#include "lamp_edges.wgsl"
+
+@group(0) @binding(1) var<storage, read_write> marks: array<u32>;   // of each pixel, see lamp_edges.wgsl
+@group(0) @binding(2) var<storage, read_write> list_out: array<u32>;
+@group(0) @binding(3) var<storage, read_write> work_out: DispatchCounts;
+@group(0) @binding(4) var<storage, read_write> ray_origin: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> ray_direction: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read_write> media: array<vec4<u32>>;
+@group(0) @binding(7) var<storage, read_write> lamp_beta: array<vec4<f32>>;     // throughput; w: depth of the ray's origin
+@group(0) @binding(8) var<storage, read_write> lamp_light: array<vec4<f32>>;    // emission so far; w: 1 where the ray has ended in its slot
+@group(0) @binding(9) var<storage, read_write> work: DispatchCounts;
+@group(0) @binding(10) var<storage, read> tiles: array<u32>;
+@group(0) @binding(11) var<storage, read_write> lamp_way: array<u32>;
+@group(0) @binding(12) var<storage, read> steps: array<Step>;
+var<immediate> push: Push;
+
+// Host twin: pass::lamp_edges::MAX_RAYS.
+const MAX_RAYS: u32 = 4u;
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let index = (group.x + group.y * groups.x) * 64u + lane;
+    if index >= atomicLoad(&work.live) {
+        return;
+    }
+    let slots = steps[push.step].components;
+    let part = part_of_tile(tiles[index]);
+    let count = part.z * part.w;
+    var targets = 0u;
+    for (var i = 0u; i < count; i += 1u) {
+        targets += targets_of(marks[ray_of_tile(part, i)], slots);
+    }
+    if targets == 0u {
+        return;
+    }
+    // One of them is the pixel's own; alone it says nothing.
+    let room = min(count * slots / targets, MAX_RAYS + 1u);
+    let each = select(0u, room, room > 1u);
+    let listed = atomicAdd(&work_out.live, each * targets);
+    var rays = 0u;
+    for (var i = 0u; i < count; i += 1u) {
+        let pixel = ray_of_tile(part, i);
+        let bits = marks[pixel];
+        if bits == 0u {
+            continue;
+        }
+        marks[pixel] = 64u * rays + 4u * each + bits;
+        let of_pixel = targets_of(bits, slots);
+        let at = place_of_pixel(pixel);
+        for (var k = 0u; k < each * of_pixel; k += 1u) {
+            let ray = lamp_ray(part, rays + k);
+            let of_target = divided(k, each);
+            let offset = select(ray_offset(max(of_target.y, 1u) - 1u, each - 1u), frame.pixel_offset.xy, of_target.y == 0u);
+            let through = ray_through(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
+            let length = sqrt(dot(through.d, through.d));
+            ray_origin[ray] = vec4<f32>(frame.eye.xyz + through.start, 3.0e38);
+            ray_direction[ray] = vec4<f32>(through.d / length, dot(through.d, frame.forward.xyz) / length);
+            media[ray] = vec4<u32>(0u);
+            lamp_beta[ray] = vec4<f32>(1.0, 1.0, 1.0, 0.0);
+            lamp_light[ray] = vec4<f32>(0.0);
+            lamp_way[ray] = packed_way(LampWay(of_target.x + 1u - (bits & 1u), 0u, 1u, false));
+            list_out[listed + rays + k] = ray;
+        }
+        rays += each * of_pixel;
+    }
+}
