@@ -19,7 +19,7 @@
 //! and coverage likewise. The layers of irradiance, albedo, normals and depth keep one ray.
 //!
 //! In flat mirrors without a diffuse base edges are those of the mirror image: a ray that meets one goes on once, and shows
-//! both hits ([`Shown`]). Edges that curved mirrors, glass and lobes show are not found; the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; and what is narrower than a pixel gives its pixel too little of
+//! both hits ([`Shown`]). Edges that curved mirrors, glass and lobes show are not found, but for those of lamps, by [`lamp_edges`](super::lamp_edges); the outlines of mirrors and glass are. Bias: irradiance at edges is that of a point up to a pixel away; and what is narrower than a pixel gives its pixel too little of
 //! its light, or too much if it is dark, since the pixel has rays where its own meets it, and where that misses it nothing tells of it.
 //! Both vanish as w does: the mean of N passes has at most (1 + ln(N / F)) F / N of them, F = FULL_PASSES, and eye rays through other points
 //! of the pixel in each pass show edges then.

@@ -1,7 +1,7 @@
 //! Antialiased lamps in mirrors and glass: more eye rays where what a path's emission shows changes from pixel to pixel.
 //!
 //! A lamp is a thousand times as bright as what is around it, and curved glass makes it small: one ray a pixel finds all of it or nothing.
-//! [`edges`](super::edges) does not see the edges that curved mirrors and glass show. This pass sees those of emission: a component of a pixel is at an edge if it is
+//! [`edges`] does not see the edges that curved mirrors and glass show. This pass sees those of emission: a component of a pixel is at an edge if it is
 //! seen over mirrors or glass, not by one flat mirror alone, and its emission and that of one of four neighbours differ by more than [`CONTRAST`]
 //! of the radiance that the pixel shows, and of the neighbour's emission. A tile of 8 x 8 pixels has a ray for each slot of its pixels, for those at its edges: the pixel's own once more,
 //! and at most [`MAX_RAYS`] through other points of the pixel. A ray seeks one slot: it splits where the eye's path does
@@ -13,7 +13,7 @@
 //! L_e(slot) += w (mean of L_ray over the rays that end in the slot, the own one among them - L_ray of the own one)
 //! ```
 //!
-//! with the weight w of [`edges`](super::edges): 1 in the first [`FULL_PASSES`] passes, then FULL_PASSES over the number of the pass. What a third component finds counts for the second one,
+//! with the weight w of [`edges`]: 1 in the first [`FULL_PASSES`] passes, then FULL_PASSES over the number of the pass. What a third component finds counts for the second one,
 //! which it has joined. Nothing is added where the own ray does not end in its slot: where the path has passed more than [`MAX_BOUNCES`] mirrors and
 //! surfaces of glass, ends at a narrow lobe, or shows what superposition spreads. Rays that pass by the outline of the glass count for nothing: `edges` sees that.
 //!

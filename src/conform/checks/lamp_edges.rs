@@ -42,7 +42,7 @@ impl Before {
 
     fn shows_lamps(&self, slot: usize) -> bool {
         let word = self.wo[slot];
-        let segments = ShadingPoints::flags(word.w) / ShadingPoints::ONE_SEGMENT & 15;
+        let segments = (ShadingPoints::flags(word.w) / ShadingPoints::ONE_SEGMENT) & 15;
         has(word, ShadingPoints::SEEN_BY_SPECULAR) && !has(word, ShadingPoints::LOBE_SAMPLED) && segments == 0
     }
 
