@@ -22,50 +22,52 @@ var<immediate> push: Push;
 // Host twin: pass::lamp_edges::MAX_RAYS.
 const MAX_RAYS: u32 = 4u;
 
+var<workgroup> sought: array<u32, 64>;      // slots that each pixel's rays seek
+var<workgroup> listed: u32;
+
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let index = (group.x + group.y * groups.x) * 64u + lane;
-    if index >= atomicLoad(&work.live) {
-        return;
-    }
+    let index = group.x + group.y * groups.x;
+    let has_tile = index < atomicLoad(&work.live);
     let slots = steps[push.step].components;
-    let part = part_of_tile(tiles[index]);
+    let part = part_of_tile(tiles[select(0u, index, has_tile)]);
     let count = part.z * part.w;
-    var targets = 0u;
-    for (var i = 0u; i < count; i += 1u) {
-        targets += targets_of(marks[ray_of_tile(part, i)], slots);
-    }
-    if targets == 0u {
-        return;
+    let pixel = ray_of_tile(part, min(lane, count - 1u));
+    let bits = select(0u, marks[pixel], has_tile && lane < count);
+    let own = targets_of(bits, slots);
+    sought[lane] = own;
+    workgroupBarrier();
+    var before = 0u;
+    var all = 0u;
+    for (var i = 0u; i < 64u; i += 1u) {
+        before += select(0u, sought[i], i < lane);
+        all += sought[i];
     }
     // One of them is the pixel's own; alone it says nothing.
-    let room = min(count * slots / targets, MAX_RAYS + 1u);
+    let room = min(count * slots / max(all, 1u), MAX_RAYS + 1u);
     let each = select(0u, room, room > 1u);
-    let listed = atomicAdd(&work_out.live, each * targets);
-    var rays = 0u;
-    for (var i = 0u; i < count; i += 1u) {
-        let pixel = ray_of_tile(part, i);
-        let bits = marks[pixel];
-        if bits == 0u {
-            continue;
-        }
-        marks[pixel] = 64u * rays + 4u * each + bits;
-        let of_pixel = targets_of(bits, slots);
-        let at = place_of_pixel(pixel);
-        for (var k = 0u; k < each * of_pixel; k += 1u) {
-            let ray = lamp_ray(part, rays + k);
-            let of_target = divided(k, each);
-            let offset = select(ray_offset(max(of_target.y, 1u) - 1u, each - 1u), frame.pixel_offset.xy, of_target.y == 0u);
-            let through = ray_through(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
-            let length = sqrt(dot(through.d, through.d));
-            ray_origin[ray] = vec4<f32>(frame.eye.xyz + through.start, 3.0e38);
-            ray_direction[ray] = vec4<f32>(through.d / length, dot(through.d, frame.forward.xyz) / length);
-            media[ray] = vec4<u32>(0u);
-            lamp_beta[ray] = vec4<f32>(1.0, 1.0, 1.0, 0.0);
-            lamp_light[ray] = vec4<f32>(0.0);
-            lamp_way[ray] = packed_way(LampWay(of_target.x + 1u - (bits & 1u), 0u, 1u, false));
-            list_out[listed + rays + k] = ray;
-        }
-        rays += each * of_pixel;
+    if lane == 0u && all > 0u {
+        listed = atomicAdd(&work_out.live, each * all);
+    }
+    workgroupBarrier();
+    if own == 0u {
+        return;
+    }
+    let first = each * before;
+    marks[pixel] = 64u * first + 4u * each + bits;
+    let at = place_of_pixel(pixel);
+    for (var k = 0u; k < each * own; k += 1u) {
+        let ray = lamp_ray(part, first + k);
+        let of_target = divided(k, each);
+        let offset = select(ray_offset(max(of_target.y, 1u) - 1u, each - 1u), frame.pixel_offset.xy, of_target.y == 0u);
+        let through = ray_through(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
+        let length = sqrt(dot(through.d, through.d));
+        ray_origin[ray] = vec4<f32>(frame.eye.xyz + through.start, 3.0e38);
+        ray_direction[ray] = vec4<f32>(through.d / length, dot(through.d, frame.forward.xyz) / length);
+        media[ray] = vec4<u32>(0u);
+        lamp_beta[ray] = vec4<f32>(1.0, 1.0, 1.0, 0.0);
+        lamp_light[ray] = vec4<f32>(0.0);
+        lamp_way[ray] = packed_way(LampWay(of_target.x + 1u - (bits & 1u), 0u, 1u, false));
+        list_out[listed + first + k] = ray;
     }
 }
