@@ -35,7 +35,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let bits = word & 3u;
     let weight = min(1.0, FULL_PASSES * frame.shift.w);
     var all = vec3<f32>(0.0);
-    for (var j = 0u; j < targets_of(bits, steps[push.step].components); j += 1u) {
+    for (var j = 0u; j < sought_slots(bits, steps[push.step].components); j += 1u) {
         let first = word / 64u + j * each;
         let own = lamp_light[lamp_ray(part, first)];
         var sum = own.xyz;

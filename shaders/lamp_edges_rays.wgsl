@@ -22,7 +22,7 @@ var<immediate> push: Push;
 // Host twin: pass::lamp_edges::MAX_RAYS.
 const MAX_RAYS: u32 = 4u;
 
-var<workgroup> sought: array<u32, 64>;      // slots that each pixel's rays seek
+var<workgroup> sought: array<u32, 64>;      // number of slots that the rays of each pixel seek
 var<workgroup> listed: u32;
 
 @compute @workgroup_size(64)
@@ -34,7 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let count = part.z * part.w;
     let pixel = ray_of_tile(part, min(lane, count - 1u));
     let bits = select(0u, marks[pixel], has_tile && lane < count);
-    let own = targets_of(bits, slots);
+    let own = sought_slots(bits, slots);
     sought[lane] = own;
     workgroupBarrier();
     var before = 0u;
@@ -58,8 +58,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let at = place_of_pixel(pixel);
     for (var k = 0u; k < each * own; k += 1u) {
         let ray = lamp_ray(part, first + k);
-        let of_target = divided(k, each);
-        let offset = select(ray_offset(max(of_target.y, 1u) - 1u, each - 1u), frame.pixel_offset.xy, of_target.y == 0u);
+        let of_slot = divided(k, each);
+        let offset = select(ray_offset(max(of_slot.y, 1u) - 1u, each - 1u), frame.pixel_offset.xy, of_slot.y == 0u);
         let through = ray_through(f32(at.x + frame.within.x) + offset.x, f32(at.y + frame.within.y) + offset.y);
         let length = sqrt(dot(through.d, through.d));
         ray_origin[ray] = vec4<f32>(frame.eye.xyz + through.start, 3.0e38);
@@ -67,7 +67,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         media[ray] = vec4<u32>(0u);
         lamp_beta[ray] = vec4<f32>(1.0, 1.0, 1.0, 0.0);
         lamp_light[ray] = vec4<f32>(0.0);
-        lamp_way[ray] = packed_way(LampWay(of_target.x + 1u - (bits & 1u), 0u, 1u, false));
+        lamp_way[ray] = packed_way(LampWay(of_slot.x + 1u - (bits & 1u), 0u, 1u, false));
         list_out[listed + first + k] = ray;
     }
 }

@@ -41,7 +41,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let normals = triangle_normals[at];
     let kind = materials[material_of(normals)].flags.z;
     let ideal = found && kind != SURFACE_OPAQUE;
-    // What superposition spreads, and what lobes show, ends the ray without a result.
+    // At a narrow lobe, and at a reflector or pane of superposition, the ray ends without a result.
     let unlike = found && (is_shiny(normals) || glossy_plane(normals) > 0u || frosted_pane(normals) > 0u);
     let depth = beta.w + d.w * hit.x;
     let s = surface_at(at, hit.y, hit.z, d.xyz, frame.cones.x * depth_scale(depth));

@@ -1,8 +1,8 @@
 // Words of the rays at edges of lamps. Needs frame.wgsl and edge_rays.wgsl.
 
-// Of a pixel: 64 * its first ray in its tile + 4 * the rays of each target + bits of the components at edges. Targets are the slots whose
-// emission the rays find: 0 where the first component is at an edge, 1 and all further ones where the second one is.
-fn targets_of(bits: u32, slots: u32) -> u32 {
+// Of a pixel: 64 * its first ray in its tile + 4 * the rays of each slot that they seek + bits of the components at edges. The rays seek
+// slot 0 where the first component is at an edge, and slot 1 and all further ones where the second one is. Number of these slots:
+fn sought_slots(bits: u32, slots: u32) -> u32 {
     return (bits & 1u) + (bits >> 1u & 1u) * (slots - 1u);
 }
 
@@ -12,7 +12,7 @@ fn lamp_ray(part: vec4<u32>, r: u32) -> u32 {
     return ray_of_tile(part, at.y) + at.x * frame.size.z;
 }
 
-// Of a ray: the slot that it looks for, the slot that it is in, the one that the next component takes which splits off (0: none does), and
+// Of a ray: the slot that it seeks, the slot that it is in, the one that the next component takes which splits off (0: none does), and
 // whether it has met more than flat mirrors.
 struct LampWay {
     seeks: u32,

@@ -1,24 +1,28 @@
 //! Antialiased lamps in mirrors and glass: more eye rays where what a path's emission shows changes from pixel to pixel.
 //!
-//! A lamp is a thousand times as bright as what is around it, and curved glass makes it small: one ray a pixel finds all of it or nothing.
-//! [`edges`] does not see the edges that curved mirrors and glass show. This pass sees those of emission: a component of a pixel is at an edge if it is
-//! seen over mirrors or glass, not by one flat mirror alone, and its emission and that of one of four neighbours differ by more than [`CONTRAST`]
-//! of the radiance that the pixel shows, and of the neighbour's emission. A tile of 8 x 8 pixels has a ray for each slot of its pixels, for those at its edges: the pixel's own once more,
-//! and at most [`MAX_RAYS`] through other points of the pixel. A ray seeks one slot: it splits where the eye's path does
-//! ([`eye_paths`](super::eye_paths)), takes the component that belongs to the slot, and where no slot is left the likelier one, divided by its probability. It ends on the
-//! first surface that is neither mirror nor glass, casts no shadow rays, and brings emission only:
+//! A lamp is far brighter than its surroundings, and curved glass makes it small: one ray a pixel finds all of it or nothing.
+//! [`edges`] finds no edges that curved mirrors and glass show. This pass finds those of emission. A component of a pixel is at an edge if the eye
+//! sees it over mirrors or glass, and not by one flat mirror alone, and if its emission differs from that of one of four neighbours by more than [`CONTRAST`]
+//! times the greater of the pixel's radiance and the neighbour's emission.
+//!
+//! A tile of 8 x 8 pixels has as many rays as its pixels have slots. They are shared among the slots at edges: for each the pixel's own ray once more, and at most
+//! [`MAX_RAYS`] through other points of the pixel. A ray seeks one slot. It splits where the eye's path does ([`eye_paths`](super::eye_paths)) and takes the
+//! component that belongs to its slot; where no slot is left it takes the likelier component, divided by its probability. It ends on the first surface that is neither mirror nor glass.
+//! It casts no shadow rays and brings emission only:
 //!
 //! ```text
 //! L_ray = sum over its surfaces of throughput L_e
 //! L_e(slot) += w (mean of L_ray over the rays that end in the slot, the own one among them - L_ray of the own one)
 //! ```
 //!
-//! with the weight w of [`edges`]: 1 in the first [`FULL_PASSES`] passes, then FULL_PASSES over the number of the pass. What a third component finds counts for the second one,
-//! which it has joined. Nothing is added where the own ray does not end in its slot: where the path has passed more than [`MAX_BOUNCES`] mirrors and
-//! surfaces of glass, ends at a narrow lobe, or shows what superposition spreads. Rays that pass by the outline of the glass count for nothing: `edges` sees that.
+//! The weight w is that of [`edges`]: 1 in the first F = [`FULL_PASSES`](edges::FULL_PASSES) passes, then F / number of the pass. Third components have joined the second ones,
+//! so their emission is added there.
 //!
-//! Bias: a lamp smaller than a pixel gives its pixel too little of its light, since the pixel has rays only where its own or a neighbour's meets
-//! it. It vanishes as w does. Light that surfaces reflect keeps one ray a pixel.
+//! A slot keeps its emission if its own ray does not end in it: if the ray passes more than [`MAX_BOUNCES`] mirrors and surfaces of glass, or meets a narrow lobe or a reflector of
+//! superposition. Rays that miss the glass do not count: its outline is an edge for `edges`.
+//!
+//! Bias: a lamp smaller than a pixel gives its pixel too little light, since the pixel has more rays only if its own or a neighbour's meets
+//! the lamp. The bias fades as w does. Light that surfaces reflect keeps one ray a pixel.
 //!
 //! Cost: for each pixel of a tile that shows mirrors, glass or narrow lobes 27 vec4 and 150 operations; for each ray and surface 170 bytes read, 100 written, 400 operations,
 //! and one ray of `trace`. Memory: 44 bytes a slot.
@@ -36,8 +40,6 @@ use crate::bsdf::{Normals, mean};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
 use crate::scene::{Scene, Surface};
-
-pub use super::edges::FULL_PASSES;
 
 /// Difference of emission from which on there is an edge, over what the pixel shows, or the emission of the other one if that is more.
 pub const CONTRAST: f32 = 0.2;

@@ -25,15 +25,15 @@
 //! and each is weighted by 1 / probability, so that the mean is the sum over all pairs of positive weight. This leaves
 //! out lights in the mirror's plane, and surface lights parallel to it that face away.
 //!
-//! A light that the mirror hides from most points may be an unlikely choice and yet the brightest for the few that see it, such as the frame
-//! along its edge. So with a filter a light adds at most [`MOST`] times the irradiance E that its point has already, that of mirrored lights before it
+//! Few points may see a light over the mirror, such as those on the underside of its frame. The light is seldom chosen then, and a bright dot there when it is.
+//! So with a filter a light adds at most [`MOST`] times the irradiance E that its point has already, that of mirrored lights before it
 //! included; where there is none, all:
 //!
 //! ```text
 //! E' = E_light - w max(0, E_light - MOST E),    w = 1 in the first FULL_PASSES passes, FULL_PASSES / number of the pass after them
 //! ```
 //!
-//! Several lights that a point sees raise the bound for each other, so that what the mirror throws on a dark wall keeps its light. Bias: a loss that
+//! Each light that a point sees raises the bound of the next one. So a dark wall that the mirror lights loses little. Bias: a loss that
 //! fades as log(N) / N over N passes, some 0.0002 of a room's light in the first four.
 //!
 //! Steps: `mirror_choose` for each class; then for each of the N pairs `mirror_aim` sends a ray towards y' from each point from which

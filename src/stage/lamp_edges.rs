@@ -14,8 +14,6 @@ use crate::plan::{Plan, StepTable};
 pub struct LampEdges {
     /// Finds edges, starts rays there, and adds what they find.
     pub pass: lamp_edges::LampEdges,
-    /// The rays before each of their surfaces, among those of the eye, which have done their work.
-    pub lists: Vec<List>,
     counts: Counts,
     bounces: Vec<Bounce>,
     slots: u32,
@@ -49,7 +47,7 @@ impl LampEdges {
         let list_step = table.add_list();
         let rounds = table.add_list_rounds(plan);
         let steps = table.stage(kit, "lamp edge steps")?;
-        // A list is filled while the previous one is still needed, so two buffers alternate.
+        // The rays lie among those of the eye, which have done their work. A list is filled while the previous one is still needed, so two buffers alternate.
         let turns = [0, 1].map(|i| kit.array(&format!("lamp edge list {i}"), plan.eye.slots(), 4));
         let turns = turns.into_iter().collect::<Result<Vec<Buffer>>>()?;
         let list = |i: u32| List::new(kit, &format!("lamp edge rays {i}"), &turns[i as usize % 2]);
@@ -77,30 +75,7 @@ impl LampEdges {
             slots,
             list_step,
             rounds,
-            lists,
         }))
-    }
-
-    /// The part that finds edges and starts rays there.
-    pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
-        self.counts.record_clear(rec)?;
-        self.pass.record_mark(rec)?;
-        self.pass.record_rays(rec, self.slots)
-    }
-
-    /// The part that follows them.
-    pub fn record_paths(&self, rec: &mut Recorder) -> Result<()> {
-        for (i, bounce) in self.bounces.iter().enumerate() {
-            bounce.schedule.record(rec, self.list_step)?;
-            bounce.trace.record(rec, &self.rounds, None)?;
-            self.pass.record_turn(rec, i, bounce.step)?;
-        }
-        Ok(())
-    }
-
-    /// The part that adds what they found.
-    pub fn record_add(&self, rec: &mut Recorder) -> Result<()> {
-        self.pass.record_add(rec, self.slots)
     }
 }
 
@@ -108,8 +83,14 @@ impl Stage for LampEdges {
     const NAME: &'static str = "lamp_edges";
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.record_rays(rec)?;
-        self.record_paths(rec)?;
-        self.record_add(rec)
+        self.counts.record_clear(rec)?;
+        self.pass.record_mark(rec)?;
+        self.pass.record_rays(rec, self.slots)?;
+        for (i, bounce) in self.bounces.iter().enumerate() {
+            bounce.schedule.record(rec, self.list_step)?;
+            bounce.trace.record(rec, &self.rounds, None)?;
+            self.pass.record_turn(rec, i, bounce.step)?;
+        }
+        self.pass.record_add(rec, self.slots)
     }
 }

@@ -15,7 +15,7 @@ use crate::conform::gallery::surroundings;
 use crate::conform::rig::{Builder, Rig, STRAYS, Tally, close, gallery, has, is_lit, orthographic};
 use crate::scene::{Material, Scene, Surface};
 
-/// What the pass reads, before it runs.
+/// The arrays that the pass reads, before it runs.
 struct Before {
     emitted: Vec<Vec4>,
     wo: Vec<Vec4>,
@@ -154,15 +154,11 @@ pub fn lamps_follow_their_oracle(bench: &Bench) {
         rig.light();
         rig.run(|frame, rec| frame.third_light.run(rec));
         let before = Before::of(&rig);
-        let stage = rig.frame().lamp_edges.as_ref().unwrap();
-        rig.run(|_, rec| {
-            stage.record_rays(rec)?;
-            stage.record_paths(rec)?;
-            stage.record_add(rec)
-        });
+        rig.run(|frame, rec| frame.lamp_edges.run(rec));
+        let pass = &rig.frame().lamp_edges.as_ref().unwrap().pass;
         assert_eq!(rig.lost(), 0);
-        let words: Vec<u32> = rig.get(&stage.pass.marks);
-        let (light, after) = (rig.vec4s(&stage.pass.light), rig.vec4s(&rig.frame().eye.points.emitted));
+        let words: Vec<u32> = rig.get(&pass.marks);
+        let (light, after) = (rig.vec4s(&pass.light), rig.vec4s(&rig.frame().eye.points.emitted));
         let frame = &rig.parameters;
         let slots = rig.engine.plan().eye.slots_of_pixel;
         let listed = rig.ideal_pixels();
