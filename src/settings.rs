@@ -228,18 +228,18 @@ impl Exposure {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 32; 1 to 65,536. The
+    /// Particles N started from the lights in each pass, for each class of pixels (see `pattern`). Default 16; 1 to 65,536. The
     /// cost of a pass is linear in N (about N / (1 - rho) shadow rays per pixel); more particles reduce the difference
     /// between passes.
     pub particles: u32,
     /// Particles of each class of pixels whose lights form a pool, from which each cluster of shading points chooses as many as
-    /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 1200; 0: no pool, all
+    /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 3600; 0: no pool, all
     /// lights light all points; at most 65,536, of which a pass takes no more than leave 8,192 lights. Useful above
     /// `particles`. More: less noise in
     /// indirect light, above all where few particles arrive; some 25 ms more for each thousand in a frame of 640x480 on two cores. The limit is the same. Where
     /// `compensation` is exact, the points that its rays hit have the lights that their class of pixels chooses by power.
     pub light_pool: u32,
-    /// Virtual lights on the emitters for direct light, per class. Default `None`: a quarter of `particles`; more than `particles` count
+    /// Virtual lights on the emitters for direct light, per class. Default `None`: half of `particles`; more than `particles` count
     /// as that many. Fewer save shadow rays: 4 for soft shadows of a filtered image (Wald et al. 2002, 5.1.1) beside some 15 for indirect light;
     /// shadows of single lights show until passes or a filter average them.
     pub direct_lights: Option<u32>,
@@ -369,8 +369,8 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Settings {
-            particles: 32,
-            light_pool: 1200,
+            particles: 16,
+            light_pool: 3600,
             direct_lights: None,
             pattern: [3, 3],
             filter: Some(Filter::default()),
@@ -432,6 +432,7 @@ impl Settings {
     /// comparisons with it.
     pub fn plain() -> Settings {
         Settings {
+            particles: 32,
             light_pool: 0,
             direct_lights: Some(Self::MAX_PARTICLES),
             max_depth: 5,
@@ -446,9 +447,9 @@ impl Settings {
     }
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter as by default, but
-    /// with half the lights, 4 direct ones and some 15 others, and of the photons.
+    /// with half the direct lights, the photons and the mirrored lights, and a third of the pool.
     pub fn interactive() -> Settings {
-        Settings { particles: 16, photons: 1500, mirror_lights: 3, ..Settings::default() }
+        Settings { light_pool: 1200, direct_lights: Some(4), photons: 1500, mirror_lights: 3, ..Settings::default() }
     }
 
     /// Checks every range of the table of keys, and what must fit together. Errors: [`Error::Setting`], which names the flag.

@@ -35,7 +35,7 @@ impl LightPlan {
             expected *= f64::from(mean_reflectivity.clamp(0.0, 1.0));
         }
         if let Some(first) = survivors.first_mut() {
-            *first = settings.direct_lights.unwrap_or(settings.particles.div_ceil(4)).min(settings.particles);
+            *first = settings.direct_lights.unwrap_or(settings.particles.div_ceil(2)).min(settings.particles);
         }
         LightPlan { survivors, delta: settings.delta_lights.map_or(delta, |most| most.min(delta)), environment: false }
     }
@@ -112,7 +112,7 @@ mod tests {
         let plan = LightPlan::new(&Settings { direct_lights: Some(4), ..settings.clone() }, 0.5, 0);
         assert_eq!(plan.survivors, [4, 16, 8, 4, 2]);
         let plan = LightPlan::new(&Settings { direct_lights: None, ..settings.clone() }, 0.5, 0);
-        assert_eq!(plan.survivors, [8, 16, 8, 4, 2]);
+        assert_eq!(plan.survivors, [16, 16, 8, 4, 2]);
         let plan = LightPlan::new(&Settings { particles: 3, max_depth: 5, ..settings }, 0.5, 0);
         assert_eq!(plan.survivors, [3, 1, 1, 1], "no depth dies out");
     }

@@ -190,6 +190,9 @@ fn maps(sizes: &[[u32; 2]]) -> String {
 /// same time (128 to 1024 two thirds of that of 32 in the Cornell box), but passes then take minutes in large scenes.
 const PARTICLES: u32 = 64;
 
+/// Lights on the emitters beside as many particles.
+const DIRECT_LIGHTS: u32 = 16;
+
 /// Particles of the pool of a pass, from which each block of texels chooses its lights. At equal passes 4000 have about half the error of
 /// none in Sponza, and two thirds in the Cornell box; 1200 have nearly as much as 4000.
 const LIGHT_POOL: u32 = 4000;
@@ -202,6 +205,7 @@ fn bake_settings(args: &args::Bake, scene: &Scene, by_command: &RenderDefaults) 
     let given = keys.preset.is_some();
     if !given && keys.particles.is_none() {
         chosen.particles = PARTICLES;
+        chosen.direct_lights = keys.direct_lights.unwrap_or(Some(DIRECT_LIGHTS));
     }
     let classes = chosen.classes();
     let default = if given || args.adaptive.options().is_some() { 0 } else { LIGHT_POOL };

@@ -93,23 +93,23 @@ keys! {
     target_error: f32 = Key::above_0("--target-error", END, "E", f32::MAX).on(&["render", "bake"]).or_by("no target");
     /// Preset of the other settings of light, which override it.
     preset: Preset = Key::one_of("--preset", LIGHT, &[
-        ("progressive", "Better with every pass, as without a preset: 3x3 interleaved sampling with a filter that fades, 32 particles and a pool of 1200, 8 direct lights, 3000 photons, near light from the pixels that show it"),
-        ("interactive", "A smooth image after the first pass: the same with 16 particles, 4 direct lights and 1500 photons"),
+        ("progressive", "Better with every pass, as without a preset: 3x3 interleaved sampling with a filter that fades, 16 particles and a pool of 3600, 8 direct lights, 3000 photons, near light from the pixels that show it"),
+        ("interactive", "A smooth image after the first pass: the same with a pool of 1200, 4 direct lights and 1500 photons"),
     ]).called("PRESET").or_by("progressive");
     /// Particles started from the lights in each pass.
     ///
     /// The time of a pass grows linearly; more particles reduce the difference between passes.
-    particles: u32 = Key::count("--particles", LIGHT, 1, Settings::MAX_PARTICLES as u64).formerly("paths").or_by("32");
+    particles: u32 = Key::count("--particles", LIGHT, 1, Settings::MAX_PARTICLES as u64).formerly("paths").or_by("16");
     /// Particles whose lights form a pool from which small parts of the image choose; 0: no pool.
     ///
     /// Each part takes as many lights as --particles leave after reflections, those that matter to it. More: less noise in
     /// indirect light, and some more time. Without effect with --export-lights.
-    light_pool: u32 = Key::count("--light-pool", LIGHT, 0, Settings::MAX_PARTICLES as u64).or_by("1200");
-    /// Virtual lights on the emitters, for direct light; auto: a quarter of --particles.
+    light_pool: u32 = Key::count("--light-pool", LIGHT, 0, Settings::MAX_PARTICLES as u64).or_by("3600");
+    /// Virtual lights on the emitters, for direct light; auto: half of --particles.
     ///
     /// Fewer save shadow rays; shadows of single lights show until passes or a filter average them.
     direct_lights: Option<u32> = Key::count("--direct-lights", LIGHT, 1, Settings::MAX_PARTICLES as u64)
-        .also(&[("auto", "A quarter of --particles")]).nothing_is("auto").called("N|auto").or_by("auto");
+        .also(&[("auto", "Half of --particles")]).nothing_is("auto").called("N|auto").or_by("auto");
     /// Interleaved sampling: size of the pixel pattern.
     ///
     /// Each position in the pattern has its own virtual lights. A larger pattern lights a neighbourhood with more lights at
