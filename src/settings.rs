@@ -387,7 +387,7 @@ impl Default for Settings {
             soft_shadows: None,
             reflectance: Reflectance::Schlick,
             summands: false,
-            mirror_lights: 6,
+            mirror_lights: 4,
             clip: Clip::Fraction(0.1),
             compensation: Compensation::Near,
             light_threshold: 0.0,

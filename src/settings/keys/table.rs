@@ -156,7 +156,7 @@ keys! {
     ///
     /// They light visible points through planar mirrors, without the blur and the noise of photons, which then omit these
     /// paths. Each costs two rays for each pixel. No cost in scenes without planar mirrors.
-    mirror_lights: u32 = Key::count("--mirror-lights", LIGHT, 0, Settings::MAX_MIRROR_LIGHTS as u64).or_by("6; with --preset interactive: 3");
+    mirror_lights: u32 = Key::count("--mirror-lights", LIGHT, 0, Settings::MAX_MIRROR_LIGHTS as u64).or_by("4; with --preset interactive: 3");
     /// Clipping distance: closer than this, a virtual light grows no brighter, in scene units.
     ///
     /// Higher: smoother corners, and more light for compensation to restore (slower, a little grain).
