@@ -7,6 +7,7 @@
 #include "camera.wgsl"
 #include "edges.wgsl"
 #include "edge_rays.wgsl"
+#include "edge_rounds.wgsl"
 #include "radiance.wgsl"
 #include "environment.wgsl"
 
@@ -25,7 +26,8 @@
 @group(0) @binding(21) var<storage, read_write> work: DispatchCounts;
 @group(0) @binding(22) var<storage, read_write> ray_light: array<vec4<f32>>;   // L; w: 0 nothing known, 1 a miss, 2 a hit
 @group(0) @binding(23) var<storage, read> list: array<u32>;
-@group(0) @binding(26) var<storage, read> edges: array<u32>;   // 16 * first ray of the tile + rays
+@group(0) @binding(26) var<storage, read> edges: array<u32>;   // words, see edge_rounds.wgsl
+var<immediate> push: Push;  // number of the round
 #if MIRRORS
 @group(0) @binding(24) var<storage, read> second_hits: array<vec2<u32>>;
 @group(0) @binding(25) var<storage, read> mirror_hits: array<vec2<u32>>;
@@ -39,8 +41,8 @@ fn start_of(ray: u32, at: vec2<u32>, pixel: u32) -> vec3<f32> {
     let tile = at / 8u;
     let part = part_of_tile(tile.x + tile.y * ((frame.size.x + 7u) / 8u));
     let place = place_of_pixel(ray) - part.xy;
-    let packed = edges[pixel];
-    let offset = ray_offset(place.x + place.y * part.z - packed / 16u, packed % 16u);
+    let word = edges[pixel];
+    let offset = offset_in_round(push.step, place.x + place.y * part.z - place_of_first(word), word);
     return eye_ray(at, offset).start;
 }
 

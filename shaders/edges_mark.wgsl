@@ -5,6 +5,8 @@
 #include "surface.wgsl"
 #include "camera.wgsl"
 #include "edges.wgsl"
+#include "edge_rays.wgsl"
+#include "edge_rounds.wgsl"
 
 @group(0) @binding(9) var<storage, read> first_hits: array<vec2<u32>>;
 @group(0) @binding(10) var<storage, read> point_position: array<vec4<f32>>;
@@ -62,7 +64,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
     let own = hit_of(at, pixel);
 #endif
-    var edge = false;
+    var surfaces = false;
     while differ != 0u {
         let i = firstTrailingBit(differ);
         differ &= differ - 1u;
@@ -72,8 +74,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 #else
         let apart = !same_surface(own, hit_of(neighbour, neighbour.x + neighbour.y * frame.size.x));
 #endif
-        edge = edge || apart;
+        surfaces = surfaces || apart;
     }
+    var edge = surfaces;
 #if UNTEXTURED
 #else
     let kd = albedo_of(pixel);
@@ -83,5 +86,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         edge = edge || contrast;
     }
 #endif
-    edges[pixel] = select(0u, 1u, edge);
+    edges[pixel] = select(0u, AT_EDGE, edge) | select(0u, SURFACES_DIFFER, surfaces);
 }

@@ -213,7 +213,7 @@ pub(crate) fn lowered_by(resource: &str) -> &'static str {
     } else if has("ring") {
         "lower --ring"
     } else if has("light") && !has("direct") || has("particle") || has("walk") {
-        "lower --particles or --max-depth"
+        "lower --light-pool, --particles or --max-depth"
     } else {
         "lower --resolution, or render a part of it with --crop"
     }

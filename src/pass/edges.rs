@@ -2,7 +2,8 @@
 //!
 //! A pixel is at an edge if the first hit of its eye ray and that of one of four neighbours do not lie on one surface
 //! ([`same_surface`]), or their albedos differ by a fifth. A tile of 8 x 8 pixels has up to 64 rays for those at its edges, at most
-//! [`MAX_RAYS`] for each, which are traced together as eye rays are. A ray takes the radiance L of the nearest of 3 x 3 pixels that shows its
+//! [`MAX_RAYS`] for each, which are traced together as eye rays are. In the first [`FULL_PASSES`] passes a second round of up to 64 rays follows, for those of its pixels where surfaces
+//! differ, up to [`MAX_RAYS`] for each with those of the first: tiles of thin things have edges at all pixels. A ray takes the radiance L of the nearest of 3 x 3 pixels that shows its
 //! surface, with an albedo of its own where the pixel shows its first hit:
 //!
 //! ```text
@@ -24,13 +25,13 @@
 //! Both vanish as w does: the mean of N passes has at most (1 + ln(N / F)) F / N of them, F = FULL_PASSES, and eye rays through other points
 //! of the pixel in each pass show edges then.
 //!
-//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits. In a scene with
-//! mirrors 20 bytes a pixel more, and a second ray for each that meets one.
+//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits; 16 bytes for the
+//! light of the first round. In a scene with mirrors 20 bytes a pixel more, and a second ray for each that meets one.
 
 use glam::{Vec2, Vec3, Vec4};
 
 use super::layout::FrameParameters;
-use super::{BoundKernel, EyePathState, Kit, Lighting, List, Rays, ShadingPoints, accumulate, groups};
+use super::{BoundKernel, EyePathState, Kit, Lighting, List, Rays, ShadingPoints, accumulate, groups, push};
 use crate::accel::{Bvh, Hit};
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder, Resources, shaders};
@@ -39,6 +40,9 @@ use crate::scene::{Scene, Surface};
 
 /// Maximum number of rays of a pixel.
 pub const MAX_RAYS: u32 = 8;
+
+/// Rounds of rays: a tile has room for as many rays at a time as it has pixels.
+pub const ROUNDS: u32 = 2;
 
 /// Passes in which the rays count in full.
 pub const FULL_PASSES: u32 = 4;
@@ -118,7 +122,7 @@ pub struct Inputs<'a> {
 
 /// The pass.
 pub struct Edges {
-    /// Of each pixel: 0, or 16 * its first ray in its tile + its rays.
+    /// Of each pixel: 0, or its [`word`].
     pub edges: Buffer,
     /// Rays of each tile; their slots are those of the tile's pixels, row by row.
     pub marks: Buffer,
@@ -143,12 +147,14 @@ impl Edges {
     pub fn new(kit: &Kit, inputs: &Inputs, [width, height]: [u32; 2]) -> Result<Self> {
         let (pixels, tile_count) = (width * height, width.div_ceil(8) * height.div_ceil(8));
         let edges = kit.array("edges", pixels, 4)?;
+        let sums = kit.vec4s("light of rays at edges before", pixels)?;
         let marks = kit.array("rays of tiles", tile_count, 4)?;
         let ray_pixel = kit.array("pixels of edge rays", pixels, 4)?;
         let ray_light = kit.vec4s("light of edge rays", pixels)?;
         let own = Resources::of([
             ("edges", &edges),
             ("marks", &marks),
+            ("edge_sums", &sums),
             ("ray_pixel", &ray_pixel),
             ("ray_light", &ray_light),
             ("first_hits", &inputs.guides.first_hits),
@@ -192,10 +198,14 @@ impl Edges {
         })
     }
 
-    /// Records the part that finds edges and starts rays there.
-    pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
-        self.mark.run(rec, &[], groups(self.pixels))?;
-        self.rays.run(rec, &[], groups(self.tile_count))
+    /// Records the part that finds edges.
+    pub fn record_mark(&self, rec: &mut Recorder) -> Result<()> {
+        self.mark.run(rec, &[], groups(self.pixels))
+    }
+
+    /// Records the part that starts the rays of a round there.
+    pub fn record_rays(&self, rec: &mut Recorder, round: u32) -> Result<()> {
+        self.rays.run(rec, &push(round), groups(self.tile_count))
     }
 
     /// Records the part that reflects traced rays where they met mirrors.
@@ -204,9 +214,9 @@ impl Edges {
     }
 
     /// Records the part that lights traced rays and adds their light to the image.
-    pub fn record_light(&self, rec: &mut Recorder) -> Result<()> {
-        self.light.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
-        self.add.run(rec, &[], groups(self.pixels))
+    pub fn record_light(&self, rec: &mut Recorder, round: u32) -> Result<()> {
+        self.light.run_listed(rec, &push(round), &self.work, LIST_GROUPS)?;
+        self.add.run(rec, &push(round), groups(self.pixels))
     }
 }
 
@@ -291,9 +301,27 @@ pub fn albedos_differ(a: Vec3, b: Vec3) -> bool {
     (a - b).abs().cmpgt(0.1 * (a + b)).any()
 }
 
-/// Oracle: rays of each of `marked` pixels of a tile of `pixels` pixels.
-pub fn rays_of(marked: u32, pixels: u32) -> u32 {
-    (pixels / marked.max(1)).min(MAX_RAYS)
+/// Oracle: rays in each round of a pixel of a tile of `pixels` pixels, of which so many are at edges, and so many at edges of surfaces.
+pub fn rays_of(
+    frame: &FrameParameters,
+    [marked, of_surfaces]: [u32; 2],
+    pixels: u32,
+    is_of_surfaces: bool,
+) -> [u32; 2] {
+    let first = (pixels / marked.max(1)).min(MAX_RAYS);
+    let second = (pixels / of_surfaces.max(1)).min(MAX_RAYS - first);
+    [first, if is_of_surfaces && weight_in_pass(frame) == 1.0 { second } else { 0 }]
+}
+
+/// Oracle: word of a pixel in [`Edges::edges`], from its rays in each round, the place of its first ray, and how many of its rays of the
+/// rounds before have known light.
+pub fn word([first, second]: [u32; 2], place: u32, known: u32) -> u32 {
+    first | (place << 4) | ((1 + known) << 10) | (second << 15)
+}
+
+/// Oracle: offset of ray k of a round of a pixel that has so many in each.
+pub fn offset_in_round(frame: &FrameParameters, [round, k]: [u32; 2], [first, second]: [u32; 2]) -> Vec2 {
+    ray_offset(frame, round * first + k, first + second)
 }
 
 /// Oracle: weight of the rays in a pass.

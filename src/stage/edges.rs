@@ -79,10 +79,10 @@ impl Edges {
         }))
     }
 
-    /// The part up to the hits of the rays.
-    pub fn record_rays(&self, rec: &mut Recorder) -> Result<()> {
+    /// The part up to the hits of the rays of a round.
+    pub fn record_rays(&self, rec: &mut Recorder, round: u32) -> Result<()> {
         self.counts.record_clear(rec)?;
-        self.pass.record_rays(rec)?;
+        self.pass.record_rays(rec, round)?;
         self.schedule.record(rec, self.list_step)?;
         self.trace.record_edges(rec, &self.steps, self.pass.tile_count)
     }
@@ -100,8 +100,11 @@ impl Stage for Edges {
     const NAME: &'static str = "edges";
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.record_rays(rec)?;
-        self.record_reflected(rec)?;
-        self.pass.record_light(rec)
+        self.pass.record_mark(rec)?;
+        (0..edges::ROUNDS).try_for_each(|round| {
+            self.record_rays(rec, round)?;
+            self.record_reflected(rec)?;
+            self.pass.record_light(rec, round)
+        })
     }
 }

@@ -186,6 +186,8 @@ fn a_rendering_that_does_not_fit_the_device_is_refused() {
     let folder = folder();
     let line = "render scene.toml -o new.exr --passes 1 --particles 4 --resolution 64x64";
     let refused = format!("{line} --max-device-memory 1M");
+    fails(folder.path(), &refused, 1, &["1048576 are free or allowed", "lower --light-pool"]);
+    let refused = format!("{refused} --light-pool 0");
     let message = fails(folder.path(), &refused, 1, &["1048576 are free or allowed", "lower --resolution"]);
     assert!(!folder.path().join("new.exr").exists(), "{message}");
     fails(folder.path(), &format!("{line} --max-device-memory 64K"), 1, &["bytes of the device's memory are needed"]);

@@ -105,8 +105,8 @@ fn images_layers_and_statistics_are_written() {
     let folder = folder();
     let output = succeeds(
         folder.path(),
-        "render scene.toml -o a.exr -o a.png --float --passes 8 --particles 8 --compensation exact --no-antialias --stats a.json \
-         --validation",
+        "render scene.toml -o a.exr -o a.png --float --passes 8 --particles 8 --compensation exact --filter off --no-antialias \
+         --stats a.json --validation",
     );
     let last = text(&output.stdout).lines().last().unwrap_or_default().to_owned();
     assert!(last.contains("8 passes") && last.ends_with("-> a.exr, a.png"), "{last}");
