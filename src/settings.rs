@@ -236,7 +236,7 @@ pub struct Settings {
     /// `particles` would leave after reflections, by what they contribute there (see `pass::light_lists`). Default 3600; 0: no pool, all
     /// lights light all points; at most 65,536, of which a pass takes no more than leave 8,192 lights. Useful above
     /// `particles`. More: less noise in
-    /// indirect light, above all where few particles arrive; some 25 ms more for each thousand in a frame of 640x480 on two cores. The limit is the same. Where
+    /// indirect light, above all where few particles arrive; some 10 to 25 ms more for each thousand in a frame of 640x480 on two cores. The limit is the same. Where
     /// `compensation` is exact, the points that its rays hit have the lights that their class of pixels chooses by power.
     pub light_pool: u32,
     /// Virtual lights on the emitters for direct light, per class. Default `None`: half of `particles`; more than `particles` count
