@@ -305,7 +305,7 @@ pub struct Settings {
     /// Default false. True costs some milliseconds a pass and 112 bytes a pixel.
     pub summands: bool,
     /// Mirrored lights (Keller 1997, 4.2) for each class of pixels and pass: pairs of a virtual light and a planar mirror,
-    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 6,
+    /// chosen by the power that the mirror reflects, which light visible points through the mirror's outline. Default 4,
     /// interactive 3; 0 to 1024; 0: light after a planar mirror comes from photons only. More: less noise; each costs up to two rays
     /// per pixel. Photons omit the paths that mirrored lights cover. No cost in scenes without planar mirrors, or if `max_depth` is
     /// below 3.
@@ -447,7 +447,7 @@ impl Settings {
     }
 
     /// Preset for interactive frame rates, as in Wald et al. 2002, 5.1: 3 x 3 interleaved sampling with a 3 x 3 filter as by default, but
-    /// with half the direct lights, the photons and the mirrored lights, and a third of the pool.
+    /// with half the direct lights and photons, three mirrored lights and a third of the pool.
     pub fn interactive() -> Settings {
         Settings { light_pool: 1200, direct_lights: Some(4), photons: 1500, mirror_lights: 3, ..Settings::default() }
     }
