@@ -82,7 +82,7 @@ pub struct Frame {
     pub scenes: Vec<String>,
     #[command(flatten)]
     pub common: Common,
-    /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 32].
+    /// Particles started from the lights in each pass, 1 to 65536 [default: the scene's, or 16].
     #[arg(long, visible_alias = "paths", value_name = "N,...", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_PARTICLES)))]
     pub particles: Vec<u32>,

@@ -190,7 +190,7 @@ fn maps(sizes: &[[u32; 2]]) -> String {
 /// same time (128 to 1024 two thirds of that of 32 in the Cornell box), but passes then take minutes in large scenes.
 const PARTICLES: u32 = 64;
 
-/// Lights on the emitters beside as many particles.
+/// Lights on the emitters beside these, where neither a flag nor the scene gives particles.
 const DIRECT_LIGHTS: u32 = 16;
 
 /// Particles of the pool of a pass, from which each block of texels chooses its lights. At equal passes 4000 have about half the error of
