@@ -46,6 +46,31 @@ fn start_of(ray: u32, at: vec2<u32>, pixel: u32) -> vec3<f32> {
     return eye_ray(at, offset).start;
 }
 
+// Weight of the angle between normals beside the distance, where a pixel lends its irradiance. Host twin: pass::edges::TURNED.
+const TURNED: f32 = 8.0;
+const NO_LENDER: u32 = 0xffffffffu;
+
+// Of 3 x 3 pixels that show a diffuse first hit, the one whose hit is the nearest in space to this one and faces as it does; NO_LENDER: none does.
+fn lender_for(own: FirstHit, at: vec2<i32>) -> u32 {
+    var lender = NO_LENDER;
+    var least = 3.0e38;
+    for (var i = 0u; i < 9u; i += 1u) {
+        let p = at + vec2<i32>(i32(i % 3u) - 1, i32(i / 3u) - 1);
+        let inside = all(p >= vec2<i32>(0)) && all(p < vec2<i32>(frame.size.xy));
+        let there = vec2<u32>(clamp(p, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1));
+        let other = there.x + there.y * frame.size.x;
+        let guide = first_hits[other];
+        let theirs = first_hit(guide.x, bitcast<f32>(guide.y), eye_ray(there, frame.pixel_offset.xy));
+        let between = theirs.position - own.position;
+        let distance2 = dot(between, between) * (1.0 + TURNED * (1.0 - dot(theirs.normal, own.normal)));
+        let is_last = theirs.found && point_position[other].w == bitcast<f32>(guide.y);
+        let nearer = inside && is_last && mean3(point_kd[other].xyz) > 0.0 && distance2 < least;
+        lender = select(lender, other, nearer);
+        least = select(least, distance2, nearer);
+    }
+    return lender;
+}
+
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let index = (group.x + group.y * groups.x) * 64u + lane;
@@ -69,11 +94,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let d = select(last_d, mirrored_direction(last_d, normal), turned);
     let length = hit.x + select(0.0, bitcast<f32>(mirror.y), turned);
     let own = shown_by(select(met, mirror, turned), select(vec2<u32>(NO_MIRROR, 0u), met, turned), EyeRay(start, d));
+    let own_first = own.first;
 #else
     let turned = false;
     let d = last_d;
     let length = hit.x;
     let own = first_hit(triangle, hit.x, EyeRay(start, d));
+    let own_first = own;
 #endif
     // Textures are averaged over the pixel, as for the pixel's own ray.
     let s = surface_at(select(0u, triangle, found), hit.y, hit.z, last_d, frame.cones.x * depth_scale(dot(d, frame.forward.xyz) * length));
@@ -124,6 +151,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var i = select(0u, 1u, leaves); i > 0u; i -= 1u) {
         alone = environment_seen(d);
     }
+    // A diffuse surface that no pixel shows takes the irradiance of one. Zero times for most rays.
+    let borrows = found && !known && !turned && !emits && s.kind == SURFACE_OPAQUE && mean3(s.reflectance.kd) > 0.0;
+    var lender = NO_LENDER;
+    for (var i = select(0u, 1u, borrows); i > 0u; i -= 1u) {
+        lender = lender_for(own_first, at);
+        let lent = lighting_of(select(lender, pixel, lender == NO_LENDER));
+        let borrowed = diffuse_radiance(s.reflectance.kd, lent.e_direct + lent.e_indirect);
+        alone = select(borrowed, vec3<f32>(0.0), lender == NO_LENDER);
+    }
     let l = select(alone, max(shown + own_albedo, vec3<f32>(0.0)), known);
-    ray_light[ray] = vec4<f32>(l, select(0.0, select(1.0, 2.0, found || turned || leaves), known || emits || leaves));
+    let counts = known || emits || leaves || lender != NO_LENDER;
+    ray_light[ray] = vec4<f32>(l, select(0.0, select(1.0, 2.0, found || turned || leaves), counts));
 }

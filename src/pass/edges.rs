@@ -10,7 +10,14 @@
 //! L_ray = L + throughput (kd_ray - kd) / pi (E_direct + E_indirect)
 //! ```
 //!
-//! So it casts no shadow rays. Rays that meet a surface that no pixel nearby shows are left out, but for emitters, which show their emission. With the pixel's own
+//! So it casts no shadow rays. Where no pixel nearby shows the surface, an emitter shows its emission, and a diffuse surface takes E of the pixel x whose
+//! first hit is diffuse and the nearest to that of the ray in space, y, with normals n,
+//!
+//! ```text
+//! L_ray = kd_ray / pi (E_direct + E_indirect)        least |x - y|^2 (1 + TURNED (1 - n_x . n_y))
+//! ```
+//!
+//! Other rays are left out: all that meet such a surface were once, and reveals beside bright windows were as bright as these. With the pixel's own
 //! radiance L_0 and the weight w of the pass, 1 in the first [`FULL_PASSES`] and FULL_PASSES / (number of the pass) after them,
 //!
 //! ```text
@@ -50,6 +57,10 @@ pub const FULL_PASSES: u32 = 4;
 /// Relative difference of squared distances, for each place in the order of 3 x 3, up to which pixels count as equally near to a parallel ray:
 /// the first counts.
 pub const TIE: f32 = 1e-4;
+
+/// Weight of the angle between normals beside the distance, where a pixel lends its irradiance to a surface that none shows. Higher: from surfaces that
+/// face as it does, even if they are farther away.
+pub const TURNED: f32 = 8.0;
 
 /// In [`EdgeGuides::second_hits`] and [`Mirrors::hits`] in place of a triangle: no reflection in a flat mirror.
 pub const NO_MIRROR: u32 = u32::MAX - 1;
@@ -350,11 +361,12 @@ pub struct Nearby {
     pub sums: [Vec3; 3],
 }
 
-/// Oracle: light along an eye ray (origin relative to the eye, and direction) that shows `own`, its last hit of this albedo and emission; `None`: unknown.
+/// Oracle: light along an eye ray (origin relative to the eye, and direction) that shows `own`, its last hit of this albedo and emission, and
+/// whether it is opaque; `None`: unknown.
 pub fn reference(
     frame: &FrameParameters,
     (ray, own): ([Vec3; 2], &Shown),
-    [kd, emission]: [Vec3; 2],
+    ([kd, emission], opaque): ([Vec3; 2], bool),
     nearby: &[Nearby],
 ) -> Option<Vec3> {
     let tie = if frame.is_orthographic() { TIE } else { 0.0 };
@@ -366,11 +378,28 @@ pub fn reference(
     let nearest = nearby.iter().enumerate().filter(shows).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let found = own.second.unwrap_or(own.first).is_some();
     let Some((_, nearest)) = nearest else {
-        return (found && own.second.is_none() && emission.element_sum() > 0.0).then_some(emission);
+        let first = own.first.filter(|_| own.second.is_none())?;
+        if emission.element_sum() > 0.0 {
+            return Some(emission);
+        }
+        let lender = lender(&first, nearby).filter(|_| opaque && kd.element_sum() > 0.0)?;
+        return Some(accumulate::reference(Vec3::ZERO, Vec3::ONE, kd, [lender.sums[0], lender.sums[1], Vec3::ZERO]));
     };
     let [emitted, throughput, their_kd] = nearest.point;
     let kd = if nearest.is_last && found { kd } else { their_kd };
     Some(accumulate::reference(emitted, throughput, kd, nearest.sums).max(Vec3::ZERO))
+}
+
+/// Oracle: the pixel that lends its irradiance to a first hit.
+fn lender<'a>(own: &FirstHit, nearby: &'a [Nearby]) -> Option<&'a Nearby> {
+    let distance = |pixel: &Nearby| {
+        let theirs = pixel.shown.first?;
+        let facing = theirs.normal.dot(own.normal);
+        let diffuse = pixel.is_last && pixel.shown.second.is_none() && pixel.point[2].element_sum() > 0.0;
+        diffuse.then(|| theirs.position.distance_squared(own.position) * (1.0 + TURNED * (1.0 - facing)))
+    };
+    let nearer = |(at, a): (f32, &'a Nearby), (bt, b): (f32, &'a Nearby)| if bt < at { (bt, b) } else { (at, a) };
+    nearby.iter().filter_map(|pixel| Some((distance(pixel)?, pixel))).reduce(nearer).map(|(_, pixel)| pixel)
 }
 
 /// Oracle: the image of a pixel and its coverage, of its own and of its rays' light; w: coverage.
