@@ -17,7 +17,7 @@
 //! L_ray = kd_ray / pi (E_direct + E_indirect)        least |x - y|^2 (1 + TURNED (1 - n_x . n_y))
 //! ```
 //!
-//! Other rays are left out: all that meet such a surface were once, and reveals beside bright windows were as bright as these. With the pixel's own
+//! Other rays are left out. Were these, too, frames of windows would take the light of the window from the rays that are left. With the pixel's own
 //! radiance L_0 and the weight w of the pass, 1 in the first [`FULL_PASSES`] and FULL_PASSES / (number of the pass) after them,
 //!
 //! ```text
@@ -32,7 +32,7 @@
 //! Both vanish as w does: the mean of N passes has at most (1 + ln(N / F)) F / N of them, F = FULL_PASSES, and eye rays through other points
 //! of the pixel in each pass show edges then.
 //!
-//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits; 16 bytes for the
+//! Cost of a pixel: 5 first hits, 5 x 30 operations; of a pixel at an edge 1 to 8 rays, each with a surface and 9 first hits, 9 more where none shows its surface; 16 bytes for the
 //! light of the first round. In a scene with mirrors 20 bytes a pixel more, and a second ray for each that meets one.
 
 use glam::{Vec2, Vec3, Vec4};

@@ -3,8 +3,11 @@
 //! LIGHTSUM_DEVICE names the device, as for all tests with a device.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::{Command, Output};
+use std::thread::sleep;
+use std::time::Duration;
 
 use lightsum::conform::{ALL, SELF_TESTS};
 use serde_json::Value;
@@ -20,7 +23,14 @@ fn conform(folder: &Path, arguments: &str) -> Output {
     if let (Ok(device), true) = (std::env::var("LIGHTSUM_DEVICE"), arguments.starts_with("run")) {
         command.args(["--device", &device]);
     }
-    command.output().expect("the program starts")
+    // A process that another test starts while the copy is written holds it open until it has its own program.
+    for _ in 0..500 {
+        match command.output() {
+            Err(error) if error.kind() == ErrorKind::ExecutableFileBusy => sleep(Duration::from_millis(10)),
+            output => return output.expect("the program starts"),
+        }
+    }
+    panic!("{} is still being written after five seconds", program.display());
 }
 
 fn text(bytes: &[u8]) -> String {
