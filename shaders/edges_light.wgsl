@@ -46,6 +46,13 @@ fn start_of(ray: u32, at: vec2<u32>, pixel: u32) -> vec3<f32> {
     return eye_ray(at, offset).start;
 }
 
+// Place of pixel i of 3 x 3 around one; z: 1 inside the image, 0 beyond it, where the place is the nearest one inside.
+fn near_pixel(at: vec2<i32>, i: u32) -> vec3<u32> {
+    let p = at + vec2<i32>(i32(i % 3u) - 1, i32(i / 3u) - 1);
+    let kept = clamp(p, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1);
+    return vec3<u32>(vec2<u32>(kept), select(0u, 1u, all(p == kept)));
+}
+
 // Weight of the angle between normals beside the distance, where a pixel lends its irradiance. Host twin: pass::edges::TURNED.
 const TURNED: f32 = 8.0;
 const NO_LENDER: u32 = 0xffffffffu;
@@ -55,16 +62,15 @@ fn lender_for(own: FirstHit, at: vec2<i32>) -> u32 {
     var lender = NO_LENDER;
     var least = 3.0e38;
     for (var i = 0u; i < 9u; i += 1u) {
-        let p = at + vec2<i32>(i32(i % 3u) - 1, i32(i / 3u) - 1);
-        let inside = all(p >= vec2<i32>(0)) && all(p < vec2<i32>(frame.size.xy));
-        let there = vec2<u32>(clamp(p, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1));
+        let near = near_pixel(at, i);
+        let there = near.xy;
         let other = there.x + there.y * frame.size.x;
         let guide = first_hits[other];
         let theirs = first_hit(guide.x, bitcast<f32>(guide.y), eye_ray(there, frame.pixel_offset.xy));
         let between = theirs.position - own.position;
         let distance2 = dot(between, between) * (1.0 + TURNED * (1.0 - dot(theirs.normal, own.normal)));
         let is_last = theirs.found && point_position[other].w == bitcast<f32>(guide.y);
-        let nearer = inside && is_last && mean3(point_kd[other].xyz) > 0.0 && distance2 < least;
+        let nearer = near.z == 1u && is_last && mean3(point_kd[other].xyz) > 0.0 && distance2 < least;
         lender = select(lender, other, nearer);
         least = select(least, distance2, nearer);
     }
@@ -110,9 +116,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     var nearest = pixel;
     var least = 3.0e38;
     for (var i = 0u; i < 9u; i += 1u) {
-        let p = at + vec2<i32>(i32(i % 3u) - 1, i32(i / 3u) - 1);
-        let inside = all(p >= vec2<i32>(0)) && all(p < vec2<i32>(frame.size.xy));
-        let there = vec2<u32>(clamp(p, vec2<i32>(0), vec2<i32>(frame.size.xy) - 1));
+        let near = near_pixel(at, i);
+        let there = near.xy;
         let other = there.x + there.y * frame.size.x;
         let guide = first_hits[other];
         let their_ray = eye_ray(there, frame.pixel_offset.xy);
@@ -126,7 +131,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         // Parallel rays may pass halfway between pixels: the first of these counts, whatever rounding makes of it.
         let behind = select(0.0, TIE * f32(i), is_orthographic());
         let distance2 = dot(between, between) * (1.0 + behind);
-        let nearer = inside && shows && distance2 < least;
+        let nearer = near.z == 1u && shows && distance2 < least;
         nearest = select(nearest, other, nearer);
         least = select(least, distance2, nearer);
     }
