@@ -1,10 +1,10 @@
 // Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points (CLOSER, ONWARD too), pass::near_aim,
 // pass::near_collect::{SMOOTH, SLOPE, STEEP, LINKS}.
 
-// Each pass sends near rays from a quarter of the classes of pixels, others in the next passes; from all second components behind mirrors,
+// Each pass sends near rays from half of the classes of pixels, others in the next passes; from all second components behind mirrors,
 // glass and narrow lobes, whose light no filter spreads over the classes. Third components are too faint for that.
 fn near_classes() -> u32 {
-    return max(frame.pattern.z / 4u, 1u);
+    return max(frame.pattern.z / 2u, 1u);
 }
 
 // Place of the first class in the order of this pass; the classes at places below near_classes() have near rays.

@@ -12,7 +12,7 @@
 //! same two dimensions serve all bounces, in another order for each (padded replications, Wald et al. 2002, 4.4; see
 //! [`crate::plan`]).
 //!
-//! **Near rays** (see [`super::near_points`]) are the first gather rays of a quarter of the classes of pixels, and of all
+//! **Near rays** (see [`super::near_points`]) are the first gather rays of half of the classes of pixels, and of all
 //! second components behind mirrors and glass. With a filter, nine neighbours of a class have nine sample points and share their
 //! light, else all pixels of a class have the same one: so the error is smooth, faint copies of the shadows between near surfaces
 //! in place of noise. The points are a Kronecker sequence whose steps are the
@@ -71,7 +71,7 @@ impl Gather {
         Self::of(kit, &shaders::GATHER_GAPS, points, (list, Some(started)), (rays, beta, steps))
     }
 
-    /// As [`Gather::with_gaps`] for near rays, which leave a quarter of the classes of pixels in each pass and count for all.
+    /// As [`Gather::with_gaps`] for near rays, which leave half of the classes of pixels in each pass and count for all.
     /// `started` receives the points that have a ray.
     pub fn of_near_rays(
         kit: &Kit,

@@ -18,7 +18,7 @@
 //! Bias: light after more than [`LINKS`] near rays in a row, and what is left of near light at hits that no pixel shows,
 //! is left out.
 //!
-//! Only a quarter of the classes of pixels has near rays in a pass, beside second components; their light counts for all, so the
+//! Only half of the classes of pixels have near rays in a pass, beside second components; their light counts for all, so the
 //! first ray of a path that starts from a pixel is weighted by the inverse of that share, and later ones, which start from pixels
 //! of the same class, are not. A filter whose window
 //! has a pixel of each class spreads it evenly. Third components keep theirs, for the light of these joins that of second ones before any filter. With a filter, the near light of [`NEAR_SPREAD`](super::near_points::NEAR_SPREAD)
@@ -27,8 +27,8 @@
 //!
 //! And each pixel then takes the mean of the near light of all pixels around it, in a window as wide as the pattern, in place of its own,
 //! weighted by the cosine between the normals and less where the chord leaves the tangent plane ([`STEEP`]); the pixels without near rays
-//! count as zero. Otherwise thin and curved things, over which the filter does not average, are dotted: two of nine pixels would be
-//! several times too bright, and seven too dark. Both means blur, and fade with the passes: the one over the window like the filter
+//! count as zero. Otherwise thin and curved things, over which the filter does not average, are dotted: four of nine pixels would be
+//! twice too bright, and five too dark. Both means blur, and fade with the passes: the one over the window like the filter
 //! ([`Filter::weight`](crate::settings::Filter::weight)), the one over a class, which reaches three times as far, sooner ([`weight`]).
 //!
 //! Cost: 9 vec4 for a near ray and 6 for each further one, some 60 operations each; for the addition 8 vec4, and 5 with 50

@@ -49,7 +49,7 @@ pub const NOT_SHOWN: u32 = u32::MAX;
 
 /// Number of classes that send near rays in a pass.
 pub fn ray_classes(classes: u32) -> u32 {
-    (classes / 4).max(1)
+    (classes / 2).max(1)
 }
 
 /// Number of a class in the order of the pass; the first [`ray_classes`] send near rays.
@@ -66,7 +66,7 @@ pub fn stands_alone(frame: &FrameParameters, slot: u32, flags: u32) -> bool {
     slot / frame.size[2] == 1 && (narrow || ShadingPoints::segments(flags) == 0)
 }
 
-/// Whether a slot of a class sends a near ray in a pass: a quarter of the classes does, others in the next passes; and all
+/// Whether a slot of a class sends a near ray in a pass: half of the classes do, others in the next passes; and all
 /// slots that stand alone.
 pub fn has_near_ray(frame: &FrameParameters, slot: u32, class: u32, flags: u32) -> bool {
     stands_alone(frame, slot, flags) || near_order(frame, class) < ray_classes(frame.pattern[2])

@@ -134,7 +134,7 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
     let flags = |slot: u32| ShadingPoints::flags(seen_wo[slot as usize].w);
     let has_ray = |slot: &u32| near_points::has_near_ray(p, *slot, sort::class_of(p, *slot), flags(*slot));
     let started: Vec<u32> = rig.list(0).into_iter().filter(has_ray).collect();
-    assert_eq!(rig.sorted(&near.started), started, "{what}: a quarter of the classes has near rays");
+    assert_eq!(rig.sorted(&near.started), started, "{what}: half of the classes have near rays");
     let mut rays = Tally::new(format!("near rays, {what}"));
     let mut found = Tally::new(format!("hits of near rays, {what}"));
     let rays_of = |[origin, direction, hits]: &[Vec<Vec4>; 3], i: usize| (ray_of(origin[i], direction[i]), hits[i]);
