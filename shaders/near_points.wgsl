@@ -94,6 +94,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     // Light that a hit reflects has three segments at least.
     var lit = sends && !is_shown && frame.scene.z > 2u;
     var chance = 1.0;
+    var kept = true;
 #if ONWARD
     let goes_on = false;
     // The points still hold the hit that it comes from, where other rays aim at emitters.
@@ -103,13 +104,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let of_emitters = onward_weights(dot(wi, normal), by_aim).along_lobe;
     emitted[slot] = vec4<f32>(of_emitters * weight * met.surface.emission, 1.0);
 #else
-    // Some rays go on from a hit that no pixel shows, for near light of its own, and it is not lit.
+    // The less light clipping removed, the fewer of the hits that no pixel shows count.
+    let sample = sample_of(slot);
+    let share_kept = select(1.0, max(share, NEAR_KEPT), lit);
+    kept = random(key(frame.keys.x, STREAM_NEAR, sample, 3u)) < share_kept;
+    lit = lit && kept;
+    // Some rays go on from such a hit, for near light of its own, and it is not lit.
     let s = met.surface;
     let may_go_on = lit && matte && mean3(s.emission) == 0.0 && frame.scene.z > 3u;
-    let sample = sample_of(slot);
     let goes_on = may_go_on && random(key(frame.keys.x, STREAM_NEAR, sample, 0u)) < NEAR_ONWARD;
     lit = lit && !goes_on;
-    chance = select(1.0, select(1.0 - NEAR_ONWARD, NEAR_ONWARD, goes_on), may_go_on);
+    chance = share_kept * select(1.0, select(1.0 - NEAR_ONWARD, NEAR_ONWARD, goes_on), may_go_on);
     emitted[slot] = vec4<f32>(ray_direction[slot].w * weight * s.emission, 0.0);
     if goes_on {
         let u = random(key(frame.keys.x, STREAM_NEAR, sample, 1u));
@@ -121,7 +126,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         onward[atomicAdd(&onward_work.live, 1u)] = slot;
     }
 #endif
-    let through = weight / chance * select(vec3<f32>(1.0), r.kd, goes_on);
+    let through = select(vec3<f32>(0.0), weight / chance, kept) * select(vec3<f32>(1.0), r.kd, goes_on);
     beta[slot] = vec4<f32>(select(through, link, is_shown), before.w);
     if is_shown {
         point_wo[slot] = vec4<f32>(0.0);

@@ -1,4 +1,4 @@
-// Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points (CLOSER, ONWARD too), pass::near_aim,
+// Near rays. Needs frame.wgsl, math.wgsl and flags.wgsl. Host twins: pass::near_points (CLOSER, ONWARD, KEPT too), pass::near_aim,
 // pass::near_collect::{SMOOTH, SLOPE, STEEP, LINKS}.
 
 // Each pass sends near rays from half of the classes of pixels, others in the next passes; from all second components behind mirrors,
@@ -115,6 +115,9 @@ const NEAR_SLOPE: f32 = 0.1;
 
 // Near light of neighbouring pixels: slope of the chord against the tangent plane at which it counts half.
 const NEAR_STEEP: f32 = 0.25;
+
+// Share of the hits that no pixel shows that count at least.
+const NEAR_KEPT: f32 = 0.1;
 
 // Lights are clipped at this part of the clip distance at hits that no pixel shows, and rays go on from them this often.
 const NEAR_CLOSER: f32 = 0.5;

@@ -4,7 +4,8 @@
 //! light from surfaces at a distance d < clip. Where the eye sees its hit, the pixel there knows the irradiance, and no
 //! light needs to be sampled; this pass finds that pixel by projection, and checks normal and tangent plane. It takes the
 //! nearest pixel of the ray's own class: these have the same lights, so that neighbouring rays find irradiance that
-//! varies smoothly. Hits that no pixel shows become shading points, listed in any order.
+//! varies smoothly. Hits that no pixel shows become shading points, listed in any order: a hit counts with the probability
+//! max(1 - d^2 / clip^2, [`KEPT`]), and by the inverse of that, since lighting it costs the same however little of the light clipping removed.
 //!
 //! Such a hit has no near light of its own: its lights are clipped at [`CLOSER`] of the clip distance, and so that narrow gaps,
 //! behind blinds and in shelves, do not lose theirs, the share [`ONWARD`] of the rays goes on from it in place of lighting it, in a
@@ -39,6 +40,8 @@ pub const WIDTH: f32 = 1.0;
 pub const MATTE: f32 = 0.5;
 /// Part of the clip distance at which lights are clipped at hits that no pixel shows.
 pub const CLOSER: f32 = 0.5;
+/// Share of such hits that count at least, however little of the light clipping removed. Higher: less noise, more hits to light.
+pub const KEPT: f32 = 0.1;
 /// Share of the rays that go on from such hits.
 pub const ONWARD: f32 = 0.25;
 /// Neighbours of a class, across and down, whose near rays have different directions if images are filtered, and whose near light is
@@ -135,6 +138,12 @@ impl NearPoints {
     pub fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)
     }
+}
+
+/// Oracle: probability with which a hit counts that no pixel shows, where clipping removed this share of the light; `None`: that of a slot does not.
+pub fn kept(frame: &FrameParameters, slot: u32, share: f32) -> Option<f32> {
+    let probability = share.max(KEPT);
+    (random_f32(key(frame.keys[0], NEAR, frame.sample_of(slot), 3)) < probability).then_some(probability)
 }
 
 /// Oracle: of the near ray of a slot that may go on from its hit, with the shading normal there, the direction in which it does.

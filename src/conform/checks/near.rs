@@ -44,6 +44,8 @@ struct Met {
 /// Of the end of a near ray, by the oracles.
 struct End {
     surface: Option<SurfacePoint>,
+    /// Light that clipping removed.
+    share: f32,
     /// Throughput, and what the hit emits.
     weight: Vec3,
     light: Vec3,
@@ -85,7 +87,7 @@ impl End {
             near_points::shows(p, &seen, s.position, s.geometric).then_some(q)
         });
         let light = surface.as_ref().map_or(Vec3::ZERO, |s| weight * s.emission);
-        End { surface, weight, light, sends, matte, shown }
+        End { surface, share, weight, light, sends, matte, shown }
     }
 }
 
@@ -169,15 +171,18 @@ fn check_points(rig: &Rig, sine: f32, met: &mut Met) {
             format!("slot {i}: pixel {} for {:?}", slots[i], end.shown)
         });
         let is_shown = slots[i] != NOT_SHOWN;
-        let reflects = end.sends && !is_shown && p.scene[2] > 2;
+        let alone = end.sends && !is_shown && p.scene[2] > 2;
+        let kept = if alone { near_points::kept(p, slot, end.share) } else { Some(1.0) };
+        let reflects = alone && kept.is_some();
+        let weight = kept.map_or(Vec3::ZERO, |probability| end.weight / probability);
         let source =
             end.surface.as_ref().filter(|s| reflects && end.matte && s.emission == Vec3::ZERO && p.scene[2] > 3);
         let direction = source.and_then(|s| near_points::goes_on(p, slot, s.shading));
         let link = match (&end.surface, source, direction) {
             (Some(s), ..) if is_shown => end.weight * (s.reflectance.kd + s.reflectance.f0) * FRAC_1_PI,
-            (_, Some(s), Some(_)) => end.weight * s.reflectance.kd / near_points::ONWARD,
-            (_, Some(_), None) => end.weight / (1.0 - near_points::ONWARD),
-            _ => end.weight,
+            (_, Some(s), Some(_)) => weight * s.reflectance.kd / near_points::ONWARD,
+            (_, Some(_), None) => weight / (1.0 - near_points::ONWARD),
+            _ => weight,
         };
         found.check(close(beta[i].truncate(), link, tolerance, 1e-6), || format!("slot {i}: {} for {link}", beta[i]));
         found.check(is_lit(wo[i]) == (reflects && direction.is_none()), || format!("slot {i}: lit"));
