@@ -116,7 +116,7 @@ const NEAR_SLOPE: f32 = 0.1;
 // Near light of neighbouring pixels: slope of the chord against the tangent plane at which it counts half.
 const NEAR_STEEP: f32 = 0.25;
 
-// Share of the hits that no pixel shows that count at least.
+// Least probability with which a hit that no pixel shows counts.
 const NEAR_KEPT: f32 = 0.1;
 
 // Lights are clipped at this part of the clip distance at hits that no pixel shows, and rays go on from them this often.

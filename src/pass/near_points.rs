@@ -40,7 +40,7 @@ pub const WIDTH: f32 = 1.0;
 pub const MATTE: f32 = 0.5;
 /// Part of the clip distance at which lights are clipped at hits that no pixel shows.
 pub const CLOSER: f32 = 0.5;
-/// Share of such hits that count at least, however little of the light clipping removed. Higher: less noise, more hits to light.
+/// Least probability with which such a hit counts, however little of the light clipping removed. Higher: less noise, more hits to light.
 pub const KEPT: f32 = 0.1;
 /// Share of the rays that go on from such hits.
 pub const ONWARD: f32 = 0.25;
@@ -140,7 +140,7 @@ impl NearPoints {
     }
 }
 
-/// Oracle: probability with which a hit counts that no pixel shows, where clipping removed this share of the light; `None`: that of a slot does not.
+/// Oracle: probability with which a hit that no pixel shows counts, where clipping removed this share of the light; `None`: the hit of this slot does not count.
 pub fn kept(frame: &FrameParameters, slot: u32, share: f32) -> Option<f32> {
     let probability = share.max(KEPT);
     (random_f32(key(frame.keys[0], NEAR, frame.sample_of(slot), 3)) < probability).then_some(probability)

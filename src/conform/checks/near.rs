@@ -44,7 +44,7 @@ struct Met {
 /// Of the end of a near ray, by the oracles.
 struct End {
     surface: Option<SurfacePoint>,
-    /// Light that clipping removed.
+    /// Share of the light that clipping removed.
     share: f32,
     /// Throughput, and what the hit emits.
     weight: Vec3,
