@@ -35,7 +35,7 @@ use crate::ring::{Form, Paths};
 use crate::settings::LightChoice;
 use crate::stage::{
     Compensation, Edges, Eye, GlossyPlanes, LampEdges, NearLight, Output, PhotonLighting, Photons, Shade, SoftShadows,
-    Splats, Stage, Walk,
+    Splats, Stage, Upsample, Walk,
 };
 
 /// Buffers of a frame that the next one goes on with.
@@ -59,6 +59,7 @@ pub struct Frame {
     pub parameters: Buffer,
     /// Of this frame, `[0]`: rays lost; `[1]`: pixels whose values are no numbers; `[2]`: 1 + the last of them.
     pub status: Buffer,
+    shading_rate: u32,
     /// Finds the visible shading points.
     pub eye: Eye,
     /// Finds how far what each pixel shows moves while the shutter is open.
@@ -115,6 +116,8 @@ pub struct Frame {
     pub glossy_planes: Option<GlossyPlanes>,
     /// Adds the light of second components to their pixels.
     pub merge: Option<Merge>,
+    /// Lights pixels by lit points nearby.
+    pub upsample: Option<Upsample>,
     /// Antialiases edges.
     pub edges: Option<Edges>,
     /// Sums what the filters added.
@@ -219,7 +222,7 @@ impl Frame {
                     lighting: &shade.lighting,
                     ideal_tiles: &eye.ideal_tiles,
                     components: plan.eye.components,
-                    size: plan.view.size(),
+                    size: plan.lit_size(),
                     pattern: settings.pattern,
                     filter,
                 };
@@ -236,10 +239,11 @@ impl Frame {
             }
             _ => None,
         };
-        let path_gain_of = match settings.filter.is_some() && !plan.view.has_lens() && !plan.view.has_shutter() {
-            false => None,
-            true => Some(kit.vec4s("gain of paths and edges", plan.eye.pixels)?),
-        };
+        let path_gain_of =
+            match settings.filter.is_some() && !plan.view.has_lens() && !plan.view.has_shutter() && !plan.upsamples() {
+                false => None,
+                true => Some(kit.vec4s("gain of paths and edges", plan.eye.pixels)?),
+            };
         let path_gain = match &path_gain_of {
             Some(path_gain) if plan.eye.components == 2 => {
                 let (points, paths) = (&eye.points, &eye.paths);
@@ -256,7 +260,7 @@ impl Frame {
             None => None,
             Some(filter) => {
                 let inputs = (&eye.points, lighting, &eye.ideal_tiles);
-                let (components, size) = (plan.eye.components, plan.view.size());
+                let (components, size) = (plan.eye.components, plan.lit_size());
                 Some(DiscontinuityLobes::new(kit, inputs, components, size, (filter, settings.pattern))?)
             }
         };
@@ -297,7 +301,12 @@ impl Frame {
             1 => None,
             _ => Some(Merge::new(kit, &eye.points, &eye.paths, lighting, &eye.ideal_tiles, shown)?),
         };
-        let edges = Edges::new(kit, scene, plan, &eye, (lighting, path_gain_of.as_ref()))?;
+        let upsample = Upsample::new(kit, scene, plan, &eye, lighting)?;
+        let (of_pixels, seen, shown_light) = match &upsample {
+            None => (kit.clone(), eye.seen(), lighting),
+            Some(upsample) => (upsample.kit(kit), upsample.seen(), &upsample.lighting),
+        };
+        let edges = Edges::new(&of_pixels, scene, plan, &seen, (shown_light, path_gain_of.as_ref()))?;
         let gain = match &path_gain_of {
             None => None,
             Some(path_gain) => {
@@ -321,10 +330,11 @@ impl Frame {
             }
         };
         let second = summands.as_ref().map(|summands| &summands.reflected);
-        let output = Output::new(kit, &eye, lighting, second, (film, image))?;
+        let output = Output::new(&of_pixels, seen, shown_light, second, (film, image))?;
         Ok(Frame {
             parameters,
             status,
+            shading_rate: settings.shading_rate,
             eye,
             velocity,
             importance,
@@ -353,6 +363,7 @@ impl Frame {
             unlikely,
             glossy_planes,
             merge,
+            upsample,
             edges,
             gain,
             summands,
@@ -429,6 +440,7 @@ impl Frame {
         self.unlikely.run(rec)?;
         self.glossy_planes.run(rec)?;
         self.merge.run(rec)?;
+        self.upsample.run(rec)?;
         self.edges.run(rec)?;
         self.output.record_check(rec)?;
         // The sums have all of a pass or nothing.
@@ -505,23 +517,28 @@ impl Frame {
     /// Records the parameters of a pass, and clears the counts of its status.
     pub fn record_start(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         rec.begin();
-        rec.update(&self.parameters, 0, bytemuck::bytes_of(parameters))?;
+        let of_lit = parameters.at_rate(self.shading_rate);
+        rec.update(&self.parameters, 0, bytemuck::bytes_of(&of_lit))?;
         rec.fill(&self.status, 0)?;
         if let Some(reproject) = &self.eye.reproject {
-            reproject.record_start(rec, parameters)?;
+            reproject.record_start(rec, &of_lit)?;
         }
+        self.upsample.as_ref().map_or(Ok(()), |upsample| upsample.record_start(rec, parameters))?;
         self.summands.as_ref().map_or(Ok(()), |summands| summands.record_clear(rec))
     }
 
     /// Records the particles of splats anew, before a pass; nothing where there are none. `parameters`: those of the first pass.
     pub fn record_particles(&self, rec: &mut Recorder, parameters: &layout::FrameParameters) -> Result<()> {
         rec.begin();
-        self.splats.as_ref().map_or(Ok(()), |splats| splats.record_particles(rec, parameters))
+        self.splats
+            .as_ref()
+            .map_or(Ok(()), |splats| splats.record_particles(rec, &parameters.at_rate(self.shading_rate)))
     }
 
     /// Records work needed once, after the uploads of a new frame and before its first pass.
     pub fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
         self.glossy_planes.record_setup(rec)?;
+        self.upsample.record_setup(rec)?;
         self.gain.as_ref().map_or(Ok(()), |gain| gain.record_clear(rec))?;
         self.lens.record_setup(rec)
     }

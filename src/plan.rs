@@ -95,7 +95,7 @@ pub fn trace_steps(budget: u32) -> u32 {
 /// Length of eye paths, and the slots that they need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EyePlan {
-    /// Pixels of the image.
+    /// Lit pixels ([`Plan::lit_size`]).
     pub pixels: u32,
     /// Maximum consecutive mirrors and glass surfaces.
     pub steps: u32,
@@ -128,7 +128,7 @@ impl EyePlan {
     /// For a scene with these surfaces. The texels of an atlas and the pixels of a host are shaded as they are: only camera paths follow
     /// mirrors.
     pub fn new(settings: &Settings, specular: SpecularFeatures, view: &View) -> EyePlan {
-        let [width, height] = view.size();
+        let [width, height] = lit_size(settings, view);
         let pixels = width * height;
         let View::Camera { camera, .. } = view else {
             return EyePlan {
@@ -159,7 +159,7 @@ impl EyePlan {
         let images = settings.mirror_images().filter(|_| mirrors);
         let components = if splits { 2 } else { 1 };
         // A part of an image splits as the whole does.
-        let [across, down] = camera.resolution.map(u64::from);
+        let [across, down] = camera.resolution.map(|n| u64::from(n.div_ceil(settings.shading_rate)));
         let again = splits && specular.glass && steps > 1 && across * down <= MAX_PIXELS_OF_THREE;
         let slots_of_pixel = components + u32::from(again);
         EyePlan { pixels, steps, components, slots_of_pixel, plain_mirrors, mirrors, panes, curved, images, lobes }
@@ -269,7 +269,7 @@ pub struct SceneSize {
 /// Derives the plan of a rendering. Errors: settings or view out of range, or beyond what the scene supports.
 pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan> {
     asked.validate()?;
-    let settings = &settings_for(scene, asked);
+    let settings = &settings_for(scene, asked, view);
     view.check(settings)?;
     ring::check(settings, view)?;
     check_choice(settings, scene)?;
@@ -348,10 +348,11 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
     })
 }
 
-/// The settings for a scene: those of a ring, without what stands in for virtual lights where kept light does.
-fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
-    let of_ring = settings.ring.map(|ring| ring::settings(settings, &ring));
-    let settings = of_ring.as_ref().unwrap_or(settings);
+/// The settings for a scene and a view: those of a ring, without what stands in for virtual lights where kept light does, and with light for
+/// each pixel where pixels cannot take that of others.
+fn settings_for(scene: &DeviceScene, settings: &Settings, view: &View) -> Settings {
+    let of_ring = settings.ring.map_or(settings.clone(), |ring| ring::settings(settings, &ring));
+    let settings = &Settings { shading_rate: shading_rate(settings, view), ..of_ring };
     if scene.kept_light.is_none() {
         return settings.clone();
     }
@@ -364,6 +365,13 @@ fn settings_for(scene: &DeviceScene, settings: &Settings) -> Settings {
         compensation: Compensation::Off,
         ..settings.clone()
     }
+}
+
+/// [`Settings::shading_rate`] for a view. A lens and a shutter blur lit points, and sums of summands are theirs.
+fn shading_rate(settings: &Settings, view: &View) -> u32 {
+    let own_rays = matches!(view, View::Camera { .. });
+    let upsamples = own_rays && !view.has_lens() && !view.has_shutter() && !settings.summands;
+    if upsamples { settings.shading_rate } else { 1 }
 }
 
 /// Checks the number of emitters, and of lights without area, against the maximum that can be chosen from.
@@ -387,7 +395,7 @@ fn check_choice(settings: &Settings, scene: &DeviceScene) -> Result<()> {
 
 /// Checks the number of the eye's shading points, in a scene with these surfaces, against its maximum.
 pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view: &View) -> Result<()> {
-    let [width, height] = view.size();
+    let [width, height] = lit_size(settings, view);
     let eye = EyePlan::new(settings, specular, view);
     if u64::from(width) * u64::from(height) * u64::from(eye.slots_of_pixel) <= MAX_PIXELS {
         return Ok(());
@@ -399,6 +407,11 @@ pub(crate) fn check_slots(settings: &Settings, specular: SpecularFeatures, view:
             MAX_PIXELS / 2
         ),
     })
+}
+
+/// Width and height of the image whose points are lit.
+fn lit_size(settings: &Settings, view: &View) -> [u32; 2] {
+    view.size().map(|n| n.div_ceil(settings.shading_rate))
 }
 
 /// Whether gather rays bring back what clipping cut off.
@@ -425,6 +438,16 @@ impl Plan {
         // A surface that lets rays pass may take a step for each of its triangles.
         let needed = if self.scene.has_alpha { u32::MAX } else { self.scene.nodes.div_ceil(self.trace_steps()) };
         self.settings.rounds.min(needed.max(1))
+    }
+
+    /// Width and height of the image whose points are lit: that of the view, or a part of it ([`Settings::shading_rate`]).
+    pub fn lit_size(&self) -> [u32; 2] {
+        lit_size(&self.settings, &self.view)
+    }
+
+    /// Whether pixels take the light of points nearby.
+    pub fn upsamples(&self) -> bool {
+        self.settings.shading_rate > 1
     }
 
     /// Number of sets of shading points: the eye's, and one for each gather ray.

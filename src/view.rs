@@ -23,6 +23,8 @@ use crate::settings::{Compensation, LightChoice, Settings};
 const APRON: u32 = 3;
 /// Pixels that light crosses around sparse windows.
 const SPARSE_APRON: u32 = (sparse_windows::STEPS[0] + sparse_windows::STEPS[1]) as u32;
+/// Lit pixels beyond a pixel that may lend it light.
+const UPSAMPLE_APRON: u32 = 2;
 /// Pixels on all sides for the tiles whose edges decide how many rays they get.
 const EDGE_APRON: u32 = 9;
 
@@ -46,12 +48,14 @@ impl Region {
     pub fn around(&self, settings: &Settings, image: [u32; 2]) -> Region {
         let chooses = settings.light_pool > 0;
         let span = |axis: usize| {
+            let rate = settings.shading_rate;
             let of_filter = settings.filter.map_or(0, |filter| {
                 let sparse = if filter.has_sparse() { SPARSE_APRON } else { 0 };
                 filter.window(settings.pattern)[axis] / 2 * 2 + sparse + APRON
             });
-            let apron = of_filter + if settings.antialias { EDGE_APRON } else { 0 };
-            let block = if chooses { REGION } else { 1 } * 8 * settings.pattern[axis];
+            let of_lit = of_filter + if rate > 1 { UPSAMPLE_APRON } else { 0 };
+            let apron = rate * of_lit + if settings.antialias { EDGE_APRON } else { 0 };
+            let block = if chooses { REGION } else { 1 } * 8 * settings.pattern[axis] * rate;
             let first = self.origin[axis].saturating_sub(apron) / block * block;
             let end = (self.origin[axis] + self.size[axis] + apron).div_ceil(block) * block;
             (first, end.min(image[axis]) - first)
@@ -246,6 +250,7 @@ impl View {
             View::Atlas(_) => Some("texels are not shaded by several ranks"),
             View::GBuffer { .. } => Some("the pixels of a host's G-buffer are not shaded by several ranks"),
             View::Camera { .. } => match settings {
+                Settings { shading_rate: 2.., .. } => Some("--shading-rate lights the pixels of no class alone"),
                 Settings { ring: Some(_), .. } => Some("a ring keeps light from pass to pass"),
                 Settings { soft_shadows: Some(_), .. } => Some("soft shadows are convolved over the whole image"),
                 Settings { light_choice: LightChoice::Contribution, .. } => {
@@ -315,7 +320,8 @@ impl View {
             View::Camera { camera, region } => {
                 camera.check().map_err(|message| Error::Scene(format!("camera: {message}")))?;
                 region.check(camera.resolution)?;
-                if [0, 1].iter().any(|&axis| region.origin[axis] % (8 * settings.pattern[axis]) != 0) {
+                let block = 8 * settings.shading_rate;
+                if [0, 1].iter().any(|&axis| region.origin[axis] % (block * settings.pattern[axis]) != 0) {
                     let message = format!("{region:?} does not begin at a block of pixels of all classes");
                     return Err(Error::Setting { name: "--crop", message });
                 }

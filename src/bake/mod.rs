@@ -106,6 +106,7 @@ pub fn settings(settings: Settings) -> Settings {
         soft_shadows: None,
         filter: None,
         antialias: false,
+        shading_rate: 1,
         summands: false,
         compensation: if settings.compensation == Compensation::Near {
             Compensation::Exact

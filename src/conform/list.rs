@@ -123,6 +123,9 @@ macro_rules! each_check {
             edges {
                 edges_follow_their_oracle("edges_mark edges_guide edges_rays edges_turn edges_light edges_add trace_edges", Nothing, "indirect dispatch", "2e-3; 1 of 1000 pixels may differ");
             }
+            upsample {
+                upsampling_follows_its_oracle("upsample", Nothing, "", "1e-3; 1 of 1000 pixels may differ");
+            }
             lamp_edges {
                 lamps_follow_their_oracle("lamp_edges_mark lamp_edges_rays lamp_edges_turn lamp_edges_add", Nothing, "indirect dispatch", "5e-3; 1 of 1000 rays may differ");
             }

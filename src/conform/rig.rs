@@ -1,6 +1,7 @@
 //! A scene on the shared device whose frame is recorded stage by stage.
 
 use std::cell::RefCell;
+use std::rc::Rc;
 
 use super::Must;
 use crate::accel::{Bvh, Hit, Ray};
@@ -223,7 +224,7 @@ impl<'a> Rig<'a> {
 /// Makes a pass that shares these resources with no other pass, and has no scene.
 pub fn make<T>(ctx: &Context, shared: Resources, pass: impl FnOnce(&Kit) -> crate::Result<T>) -> T {
     let mut staging = Staging::new();
-    let (uploads, traversal) = (RefCell::new(&mut staging), Traversal::Auto);
+    let (uploads, traversal) = (Rc::new(RefCell::new(&mut staging)), Traversal::Auto);
     let made = pass(&Kit {
         context: ctx,
         staging: uploads,

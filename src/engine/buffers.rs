@@ -101,9 +101,11 @@ impl Engine {
     pub fn pass_buffers(&self) -> Result<PassBuffers<'_>> {
         let (frame, scene) = (&self.frame, &self.scene);
         let parameters = self.plan.parameters(self.passes.saturating_sub(1))?;
-        let points = &frame.eye.points;
+        let seen = frame.upsample.as_ref().map_or(frame.eye.seen(), |upsample| upsample.seen());
+        let points = seen.points;
         let filtered = frame.discontinuity.as_ref().map_or(&frame.shade.lighting, |filter| &filter.filtered);
-        let lighting = frame.discontinuity_lobes.as_ref().map_or(filtered, |filter| &filter.filtered);
+        let lit = frame.discontinuity_lobes.as_ref().map_or(filtered, |filter| &filter.filtered);
+        let lighting = frame.upsample.as_ref().map_or(lit, |upsample| &upsample.lighting);
         let layout = LightLayout {
             of_class: parameters.pattern[3],
             classes: parameters.pattern[2],
@@ -115,7 +117,7 @@ impl Engine {
             geometric_normal: &points.geometric,
             normal: &points.shading,
             albedo: &points.kd,
-            depth: &frame.eye.paths.throughput,
+            depth: &seen.paths.throughput,
             direct: &lighting.direct,
             indirect: &lighting.indirect,
             flags: &points.wo,

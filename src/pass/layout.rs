@@ -105,6 +105,30 @@ impl FrameParameters {
         FrameParameters { task: [[x, y, x + width, y + height], [1, class, 0, 0]], ..self }
     }
 
+    /// Those of an image of so many times less pixels each way, which covers this one: its last row and column may reach beyond it.
+    pub fn at_rate(self, rate: u32) -> FrameParameters {
+        if rate == 1 {
+            return self;
+        }
+        let [width, height] = [0, 1].map(|axis| self.size[axis].div_ceil(rate));
+        let [x, y, whole_width, whole_height] = self.within;
+        let whole = [whole_width, whole_height].map(|n| n.div_ceil(rate));
+        // What the whole image covers, in sizes of the finer one.
+        let [across, down] = [0, 1].map(|axis| (rate * whole[axis]) as f32 / [whole_width, whole_height][axis] as f32);
+        let scaled = |v: [f32; 4], by: f32| [v[0] * by, v[1] * by, v[2] * by, v[3]];
+        let [shift_x, shift_y, parallel, fade] = self.shift;
+        let [of_pixel, ..] = self.cones;
+        FrameParameters {
+            right: scaled(self.right, across),
+            up: scaled(self.up, down),
+            size: [width, height, width * height, self.size[3]],
+            within: [x / rate, y / rate, whole[0], whole[1]],
+            cones: [rate as f32 * of_pixel, self.cones[1], self.cones[2], self.cones[3]],
+            shift: [(across - 1.0 + shift_x) / across, (1.0 - down + shift_y) / down, parallel, fade],
+            ..self
+        }
+    }
+
     /// Reflectance of mirrors.
     pub fn reflectance(&self) -> Reflectance {
         [Reflectance::Schlick, Reflectance::Map, Reflectance::Fresnel][self.superposition[1] as usize % 3]

@@ -106,7 +106,7 @@ impl LightLists {
 
     fn of(kit: &Kit, plan: &Plan, (eye, clusters): (&Eye, Option<&Clusters>), lights: &Buffer) -> Result<LightLists> {
         let (classes, slots) = (plan.settings.classes(), plan.lists.slots());
-        let [width, height] = plan.view.size();
+        let [width, height] = plan.lit_size();
         let [across, down] = plan.settings.pattern;
         // Until clusters choose, a slot has the lights of its class.
         let class = |pixel: u32| pixel % width % across + across * (pixel / width % down);
@@ -123,7 +123,8 @@ impl LightLists {
         let list_size = u64::from(slots) * size_of::<[u32; 2]>() as u64;
         let room = kit.context.info().max_storage_buffer_range;
         // A part of an image chooses as the whole does.
-        let whole = plan.view.camera().map_or([width, height], |camera| camera.resolution);
+        let rate = plan.settings.shading_rate;
+        let whole = plan.view.camera().map_or([width, height], |camera| camera.resolution.map(|n| n.div_ceil(rate)));
         let of_whole = clusters::count(whole, [across, down]) * plan.eye.slots_of_pixel;
         let fits = u64::from(of_whole) * list_size <= room && light_regions::bytes(plan, whole) <= room;
         let of_screen = clusters.filter(|_| fits);

@@ -65,7 +65,7 @@ pub fn bytes(plan: &Plan, size: [u32; 2]) -> u64 {
 impl LightRegions {
     /// Chooses among `candidates` for the points of `eye`, which are in the clusters whose places these are.
     pub fn new(kit: &Kit, plan: &Plan, eye: &Eye, places: &Buffer, candidates: &Buffer) -> Result<LightRegions> {
-        let regions = count(plan.view.size(), plan.settings.pattern) * plan.eye.slots_of_pixel;
+        let regions = count(plan.lit_size(), plan.settings.pattern) * plan.eye.slots_of_pixel;
         let lights = kit.vec4s("lights of regions", 2 * CHOSEN * regions)?;
         let own = Resources::of([("region_lights", &lights), ("places", places), ("candidates", candidates)]);
         let (shader, groups) = match kit.context.info().is_wide() {

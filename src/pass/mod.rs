@@ -78,6 +78,7 @@ pub mod third_light;
 pub mod tiles;
 pub mod trace;
 pub mod unlikely;
+pub mod upsample;
 pub mod velocity;
 pub mod visibility;
 pub mod walk_follow;
@@ -85,6 +86,7 @@ pub mod walk_reflect;
 pub mod walk_start;
 
 use std::cell::RefCell;
+use std::rc::Rc;
 
 use ash::vk;
 use bytemuck::Pod;
@@ -114,11 +116,12 @@ pub(crate) fn vec4s(context: &Context, name: &str, count: u32) -> Result<Buffer>
 
 /// The inputs that all passes have in common: the device, pending uploads, and the resources that any kernel may bind
 /// by name (the parameters and status of the frame, the scene).
+#[derive(Clone)]
 pub struct Kit<'a> {
     /// The device.
     pub context: &'a Context,
     /// Uploads, recorded before the first frame.
-    pub staging: RefCell<&'a mut Staging>,
+    pub staging: Rc<RefCell<&'a mut Staging>>,
     /// Resources that every pass may bind.
     pub shared: Resources,
     /// Whether the scene has textures. If not, kernels without texture look-up are chosen.
@@ -142,13 +145,18 @@ impl<'a> Kit<'a> {
     ) -> Kit<'a> {
         Kit {
             context,
-            staging: RefCell::new(staging),
+            staging: Rc::new(RefCell::new(staging)),
             shared: scene.resources().and(own),
             textured: scene.textured,
             has_alpha: scene.has_alpha,
             tables: scene.has_tables(),
             traversal,
         }
+    }
+
+    /// The same with other resources of these names.
+    pub fn with(&self, own: &Resources) -> Kit<'a> {
+        Kit { shared: own.clone().and(&self.shared), ..self.clone() }
     }
 
     /// Makes a kernel, or its variant for tables of lobes, and binds its resources by name, from `sets` or else from the shared resources.

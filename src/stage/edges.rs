@@ -1,6 +1,6 @@
 //! Antialiased edges.
 
-use super::{Counts, Eye, Stage};
+use super::{Counts, Seen, Stage};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Recorder};
@@ -34,29 +34,29 @@ struct Reflected {
 }
 
 impl Edges {
-    /// Antialiases the image of `eye`, lit by `lighting`; `None`: the plan does not.
+    /// Antialiases the image of what is `seen`, lit by `lighting`; `None`: the plan does not.
     /// `path_gain`: receives what the rays add.
     pub fn new(
         kit: &Kit,
         scene: &DeviceScene,
         plan: &Plan,
-        eye: &Eye,
+        seen: &Seen,
         (lighting, path_gain): (&Lighting, Option<&Buffer>),
     ) -> Result<Option<Edges>> {
-        let Some(guides) = &eye.guides else { return Ok(None) };
+        let Some(guides) = seen.guides.filter(|_| plan.antialiases()) else { return Ok(None) };
+        let Seen { points, paths, rays, pixels, plain_mirrors, .. } = *seen;
         let mut table = StepTable::default();
         // Clusters of rays share their origin.
         let shares_origin = !plan.view.is_orthographic();
         let ray_clusters = Chunk::clusters(&plan.settings, scene.clusters(kit.context)).filter(|_| shares_origin);
         let edge_steps = EyeSteps::of_list(&mut table, plan, ray_clusters);
         let list_step = table.add_list();
-        let rounds = if plan.eye.plain_mirrors { table.add_list_rounds(plan) } else { Vec::new() };
+        let rounds = if plain_mirrors { table.add_list_rounds(plan) } else { Vec::new() };
         let steps = table.stage(kit, "edge steps")?;
-        let list = List::new(kit, "edge rays", &kit.array("edge rays list", plan.eye.pixels, 4)?)?;
-        let (points, paths, rays) = (&eye.points, &eye.paths, &eye.rays);
-        let reflected = match plan.eye.plain_mirrors {
+        let list = List::new(kit, "edge rays", &kit.array("edge rays list", pixels, 4)?)?;
+        let reflected = match plain_mirrors {
             true => {
-                let entries = kit.array("reflected edge rays list", plan.eye.pixels, 4)?;
+                let entries = kit.array("reflected edge rays list", pixels, 4)?;
                 let list = List::new(kit, "reflected edge rays", &entries)?;
                 let schedule = Schedule::new(kit, &list.work, &steps)?;
                 let trace = Trace::new(kit, rays, &list, &steps)?;

@@ -1,7 +1,7 @@
 //! Shading points that the eye sees, directly or through mirrors and glass, or the texels of an atlas.
 
 use super::points::{ListFinish, ListFinishSteps, Turns};
-use super::{Counts, PointOrder, Stage, batch};
+use super::{Counts, PointOrder, Seen, Stage, batch};
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Recorder, Staging};
@@ -62,6 +62,8 @@ pub struct Eye {
     list_step: u32,
     list_rounds: Vec<u32>,
     tile_count: u32,
+    pixels: u32,
+    plain_mirrors: bool,
 }
 
 /// Where the first hits come from.
@@ -95,7 +97,7 @@ impl Eye {
     /// For the view of a plan.
     pub fn new(kit: &Kit, scene: &DeviceScene, plan: &Plan) -> Result<Eye> {
         let (settings, eye) = (&plan.settings, plan.eye);
-        let (size, slots, pixels) = (plan.view.size(), eye.slots(), eye.pixels);
+        let (size, slots, pixels) = (plan.lit_size(), eye.slots(), eye.pixels);
         let order = PointOrder::of(plan, scene);
         let tile_count = size[0].div_ceil(8) * size[1].div_ceil(8);
         let cluster_count = clusters::count(size, settings.pattern) * eye.slots_of_pixel;
@@ -122,8 +124,11 @@ impl Eye {
         let rays = Rays::new(kit.context, "eye", slots)?;
         let paths = EyePathState::new(kit.context, slots, if eye.steps > 0 { slots } else { 0 })?;
         let points = ShadingPoints::new(kit.context, "eye", slots)?;
-        let guides =
-            if plan.antialiases() { Some(EdgeGuides::new(kit, &rays, pixels, eye.plain_mirrors)?) } else { None };
+        let guides = if plan.antialiases() || plan.upsamples() {
+            Some(EdgeGuides::new(kit, &rays, pixels, eye.plain_mirrors)?)
+        } else {
+            None
+        };
         let planes = Planes::new(kit, pixels, eye.mirrors, eye.panes || eye.curved, eye.images.is_some())?;
         let reproject = match (eye.images, &scene.mirror_images) {
             (Some(choice), Some(images)) => {
@@ -197,6 +202,8 @@ impl Eye {
             list_step,
             list_rounds,
             tile_count,
+            pixels,
+            plain_mirrors: eye.plain_mirrors,
             rays,
             paths,
             points,
@@ -211,6 +218,13 @@ impl Eye {
             sort_buffers,
             turns,
         })
+    }
+
+    /// Its pixels.
+    pub fn seen(&self) -> Seen<'_> {
+        let Eye { rays, paths, points, pixels, plain_mirrors, .. } = self;
+        let guides = self.guides.as_ref();
+        Seen { guides, rays, paths, points, pixels: *pixels, plain_mirrors: *plain_mirrors }
     }
 
     /// Classes of the clusters, for the kernels that take clusters; `None`: there are none.

@@ -41,7 +41,7 @@ impl GlossyPlanes {
         let (Some(settings), Some(tables), true) = (&plan.settings.superposition, tables, plan.eye.mirrors) else {
             return Ok(None);
         };
-        let size = plan.view.size();
+        let size = plan.lit_size();
         let image = Image::new(kit.context, size[0] * size[1])?;
         let (points, paths, tiles, planes) = (&eye.points, &eye.paths, &eye.ideal_tiles, &eye.planes);
         let inputs = mirror_image::Inputs { points, paths, lighting, tiles, planes, tables, image: &image };

@@ -36,7 +36,9 @@ impl LampEdges {
         eye: &Eye,
         (lighting, path_gain): (&Lighting, Option<&Buffer>),
     ) -> Result<Option<LampEdges>> {
-        let Some(guides) = eye.guides.as_ref().filter(|_| plan.eye.components == 2) else { return Ok(None) };
+        let Some(guides) = eye.guides.as_ref().filter(|_| plan.antialiases() && plan.eye.components == 2) else {
+            return Ok(None);
+        };
         let traced = plan.eye.steps.min(MAX_BOUNCES) + 1;
         let components = plan.eye.slots_of_pixel;
         let mut table = StepTable::default();

@@ -13,6 +13,7 @@ mod points;
 mod shade;
 mod soft_shadows;
 mod splats;
+mod upsample;
 mod walk;
 
 pub use compensation::{Bounce, Compensation};
@@ -27,6 +28,7 @@ pub use points::PointOrder;
 pub use shade::Shade;
 pub use soft_shadows::SoftShadows;
 pub use splats::Splats;
+pub use upsample::Upsample;
 pub use walk::Walk;
 
 use crate::error::Result;
@@ -34,6 +36,7 @@ use crate::gpu::{Buffer, Recorder};
 use crate::pass::delta_choice::DeltaChoice;
 use crate::pass::discontinuity::Discontinuity;
 use crate::pass::discontinuity_lobes::DiscontinuityLobes;
+use crate::pass::edges::EdgeGuides;
 use crate::pass::gain::{Gain, PathGain};
 use crate::pass::glossy_light::GlossyLight;
 use crate::pass::importance::Importance;
@@ -51,7 +54,24 @@ use crate::pass::summands::Summands;
 use crate::pass::third_light::ThirdLight;
 use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
-use crate::pass::{Kit, List};
+use crate::pass::{EyePathState, Kit, List, Rays, ShadingPoints};
+
+/// What eye rays of pixels see.
+#[derive(Clone, Copy)]
+pub struct Seen<'a> {
+    /// First hits; `None`: edges keep one ray.
+    pub guides: Option<&'a EdgeGuides>,
+    /// The rays.
+    pub rays: &'a Rays,
+    /// Throughput of their paths.
+    pub paths: &'a EyePathState,
+    /// Shading points, one for each pixel and component.
+    pub points: &'a ShadingPoints,
+    /// Number of pixels.
+    pub pixels: u32,
+    /// Whether `guides` has reflections in flat mirrors.
+    pub plain_mirrors: bool,
+}
 
 /// A part of the frame that is recorded as a whole. An optional stage is an `Option` of one.
 pub trait Stage {

@@ -1,6 +1,6 @@
 //! Looks whether the image of a pass is made of numbers, adds it to the film or to a ring, turns the film's mean into an image, and copies sums for the error estimate.
 
-use super::Eye;
+use super::Seen;
 use crate::error::Result;
 use crate::film::Film;
 use crate::gpu::{Buffer, Image, Recorder};
@@ -33,20 +33,20 @@ pub struct Output {
 }
 
 impl Output {
-    /// Adds the points of `eye`, lit by `lighting`, to `film`. `summands`: light of second components that
+    /// Adds what is seen, lit by `lighting`, to `film`. `summands`: light of second components that
     /// is summed apart.
     pub fn new(
         kit: &Kit,
-        eye: &Eye,
+        Seen { points, paths, .. }: Seen,
         lighting: &Lighting,
         summands: Option<&Buffer>,
         (film, image): (Film, Image),
     ) -> Result<Output> {
         Ok(Output {
-            finite: Finite::new(kit, &eye.points, &eye.paths, lighting, summands, film.pixels())?,
+            finite: Finite::new(kit, points, paths, lighting, summands, film.pixels())?,
             sum: match &film.ring {
-                Some(images) => Sum::Ring(Ring::new(kit, (&eye.points, &eye.paths, lighting), &film, images)?),
-                None => Sum::Film(Accumulate::new(kit, &eye.points, &eye.paths, lighting, &film)?),
+                Some(images) => Sum::Ring(Ring::new(kit, (points, paths, lighting), &film, images)?),
+                None => Sum::Film(Accumulate::new(kit, points, paths, lighting, &film)?),
             },
             resolve: Resolve::new(kit.context, &film, &image)?,
             probe: Probe::new(kit, &film)?,

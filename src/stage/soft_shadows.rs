@@ -48,7 +48,7 @@ impl SoftShadows {
         let rounds = table.add_list_rounds(plan);
         let list_step = table.add_list();
         let steps = table.stage(kit, "soft shadow steps")?;
-        let pass = SoftShadow::new(kit, &eye.points, plan.view.size(), &steps)?;
+        let pass = SoftShadow::new(kit, &eye.points, plan.lit_size(), &steps)?;
         let kernels = TraversalKernels::visibility(kit.context, settings.traversal, false)?;
         let own = Resources::of([("lights", &pass.lights), ("visible", &pass.visible)]);
         let nothing_more = Resources::new();

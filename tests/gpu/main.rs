@@ -51,6 +51,7 @@ mod renderer;
 mod ring;
 mod scales;
 mod scenes;
+mod shading_rate;
 mod soft_shadows;
 mod splats;
 mod superposition;

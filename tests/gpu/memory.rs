@@ -22,6 +22,7 @@ fn cases() -> Vec<(&'static str, Scene, [u32; 2], Settings)> {
         ("a room, interactive", builtin::room(5_000), [320, 200], interactive),
         ("mirrors, glass and photons", gallery(), [160, 120], rich),
         ("splats", gallery(), [96, 72], splats),
+        ("half the points", gallery(), [97, 71], Settings { shading_rate: 2, ..plain }),
     ]
 }
 

@@ -89,7 +89,7 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
     let is_spread = |spread: Spread| superposition.is_some_and(|superposition| superposition.spread == spread);
     let off = |flag: &str| format!("{flag} is off");
     let images = given.mirror_source == Some(MirrorForm::Images) || settings.mirror_images().is_some();
-    let rules: [(&[&str], bool, String); 17] = [
+    let rules: [(&[&str], bool, String); 18] = [
         (
             &[
                 "particles",
@@ -120,6 +120,11 @@ fn without_effect(given: &RenderDefaults, settings: &Settings, scene: &Scene) ->
             &["photons", "photon_radius", "interleave_photons", "max_specular", "mirror_lights"],
             !specular,
             "the scene has no mirrors and no glass".into(),
+        ),
+        (
+            &["shading_rate"],
+            settings.shading_rate > 1 && settings.summands,
+            "--summands are those of the points that are lit".into(),
         ),
         (&["photon_radius", "interleave_photons"], settings.photons == 0, "--photons is 0".into()),
         (

@@ -24,5 +24,6 @@ pub mod splats;
 pub mod textures;
 pub mod traversal;
 pub mod unlikely;
+pub mod upsample;
 pub mod visibility;
 pub mod walk;

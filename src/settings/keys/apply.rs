@@ -56,6 +56,7 @@ impl Settings {
         set(&mut self.split, keys.split);
         set(&mut self.glossy_paths, keys.glossy_paths);
         set(&mut self.antialias, keys.antialias);
+        set(&mut self.shading_rate, keys.shading_rate);
         set(&mut self.mirror_lights, keys.mirror_lights);
         set(&mut self.clip, keys.clip_fraction.map(Clip::Fraction));
         set(&mut self.clip, keys.clip.map(Clip::Distance));
@@ -113,6 +114,7 @@ impl Settings {
             split: Some(self.split),
             glossy_paths: Some(self.glossy_paths),
             antialias: Some(self.antialias),
+            shading_rate: Some(self.shading_rate),
             mirror_lights: Some(self.mirror_lights),
             clip,
             clip_fraction,

@@ -10,7 +10,7 @@ use super::SpecularFlag;
 pub struct Reference {
     /// Render by path tracing on the CPU instead: same scene, camera and path length, noise instead of structured error.
     #[arg(long, conflicts_with_all = [
-        "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "split", "no_split", "glossy_paths", "no_glossy_paths", "antialias", "no_antialias",
+        "passes", "time", "target_error", "resume", "checkpoint", "particles", "light_pool", "direct_lights", "interleave", "clip", "clip_fraction", "compensation", "no_compensation", "split", "no_split", "glossy_paths", "no_glossy_paths", "antialias", "no_antialias", "shading_rate",
         "photons", "photon_radius", "interleave_photons", "no_interleave_photons", "mirror_lights", "filter", "superposition", "kernel_width", "convolution", "occlusion", "no_occlusion", "reflectors", "glossy", "splat_particles", "splat_width", "splat_alpha", "soft_shadows", "soft_shadow_lights", "mirror_source", "summands", "no_summands",
         "light_threshold", "light_choice", "power_fraction", "delta_lights", "sequence", "jitter", "no_jitter", "preset", "device", "validation", "lights_per_dispatch", "rounds", "traversal", "cluster_order", "export_lights", "light_from", "stats", "preview", "display",
     ])]

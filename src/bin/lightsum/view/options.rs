@@ -11,7 +11,7 @@ use lightsum::settings::{
 use super::panel::{Panel, Request};
 
 /// The GPU passes whose time a setting changes, by its flag. Settings that are not here change no time, or that of all passes.
-const PASSES: [(&str, &[&str]); 26] = [
+const PASSES: [(&str, &[&str]); 27] = [
     ("particles", &["walk", "light_lists", "shade"]),
     ("light_pool", &["walk", "light_lists"]),
     ("direct_lights", &["light_lists", "shade"]),
@@ -37,6 +37,7 @@ const PASSES: [(&str, &[&str]); 26] = [
     ("no_split", &["eye"]),
     ("no_glossy_paths", &["eye", "glossy_light"]),
     ("no_antialias", &["edges"]),
+    ("shading_rate", &["upsample"]),
     ("ring", &["ring"]),
 ];
 
@@ -123,6 +124,7 @@ fn numbers(ui: &mut Ui, panel: &Rows, s: &mut Settings) {
     row(ui, panel, "interleave", |ui| {
         ui.horizontal(|ui| s.pattern.iter_mut().for_each(|n| number(ui, n, 1, Settings::MAX_PATTERN)));
     });
+    row(ui, panel, "shading_rate", |ui| number(ui, &mut s.shading_rate, 1, Settings::MAX_SHADING_RATE));
     row(ui, panel, "max_depth", |ui| number(ui, &mut s.max_depth, 1, Settings::MAX_DEPTH));
     row(ui, panel, "max_specular", |ui| number(ui, &mut s.max_specular, 0, Settings::MAX_SPECULAR));
     let most = Settings::MAX_PHOTONS / s.classes();

@@ -1,0 +1,93 @@
+//! Light that pixels take from lit points nearby, against its oracle.
+
+use crate::conform::Bench;
+use crate::pass::edges::FirstHit;
+use crate::pass::upsample::{self, LitPoint, Pixel};
+use crate::pass::{ShadingPoints, camera_rays};
+use crate::settings::Settings;
+use glam::{Vec3, Vec4};
+
+use crate::conform::rig::{Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, orthographic};
+
+/// What an eye ray met, from its guide.
+fn shown(rig: &Rig, frame: &crate::pass::layout::FrameParameters, pixel: u32, guide: [u32; 2]) -> Option<FirstHit> {
+    let ray = camera_rays::reference(frame, pixel);
+    let hit = hit_of(Vec4::new(f32::from_bits(guide[1]), 0.0, 0.0, f32::from_bits(guide[0])))?;
+    let start = ray.origin - Vec4::from(frame.eye).truncate();
+    Some(FirstHit::new(rig.scene, rig.bvh(), &hit, [start, ray.direction]))
+}
+
+/// The lit points, row by row.
+fn lit_points(rig: &Rig) -> Vec<LitPoint> {
+    let (eye, lighting) = (&rig.frame().eye, &rig.frame().shade.lighting);
+    let frame = rig.parameters.at_rate(Settings::MAX_SHADING_RATE);
+    let guides: Vec<[u32; 2]> = rig.get(&eye.guides.as_ref().unwrap().first_hits);
+    let [position, kd, wo, emitted] =
+        [&eye.points.position, &eye.points.kd, &eye.points.wo, &eye.points.emitted].map(|b| rig.vec4s(b));
+    let throughput = rig.vec4s(&eye.paths.throughput);
+    let sums = [&lighting.direct, &lighting.indirect, &lighting.specular].map(|b| rig.vec4s(b));
+    let point = |i: usize| LitPoint {
+        shown: shown(rig, &frame, i as u32, guides[i]),
+        is_first: position[i].w == f32::from_bits(guides[i][1]),
+        point: [emitted[i], throughput[i], kd[i]].map(Vec4::truncate),
+        sums: [0, 1, 2].map(|k| if is_lit(wo[i]) { sums[k][i].truncate() } else { Vec3::ZERO }),
+    };
+    (0..frame.size[2] as usize).map(point).collect()
+}
+
+pub fn upsampling_follows_its_oracle(bench: &Bench) {
+    let (gallery, from_afar) = (gallery(), orthographic(gallery()));
+    let (mut between, mut nearest, mut emitting, mut bare) = (0, 0, 0, 0);
+    for ((i, size), scene) in bench.images().enumerate().flat_map(|image| [(image, &gallery), (image, &from_afar)]) {
+        let settings = Settings { particles: 3, shading_rate: 2, antialias: i % 2 == 0, ..Settings::plain() };
+        let rig = bench.rig_at_pass(scene, size, settings, i as u32);
+        rig.light();
+        let lit = lit_points(&rig);
+        let stage = rig.frame().upsample.as_ref().unwrap();
+        rig.run(|_, rec| stage.record_points(rec));
+        let hits: Vec<[u32; 2]> = rig.get(&stage.guides.first_hits);
+        let ray_hits = rig.vec4s(&stage.rays.hits);
+        let [kd, wo, before] = [&stage.points.kd, &stage.points.wo, &stage.points.emitted].map(|b| rig.vec4s(b));
+        let lighting = &stage.lighting;
+        rig.prefill(&[&lighting.direct, &lighting.indirect]);
+        rig.run(|_, rec| stage.record_light(rec));
+        let [after, direct, indirect] =
+            [&stage.points.emitted, &lighting.direct, &lighting.indirect].map(|b| rig.vec4s(b));
+        assert_eq!(rig.lost(), 0);
+
+        let frame = &rig.parameters;
+        let (width, lit_size) = (size[0], size.map(|n| n.div_ceil(Settings::MAX_SHADING_RATE)));
+        let mut tally = Tally::new(format!("upsampling, {size:?}"));
+        for i in 0..(size[0] * size[1]) as usize {
+            let ray = camera_rays::reference(frame, i as u32);
+            let hit = hit_of(ray_hits[i]);
+            tally.check_hit(&rig, &ray, hit, || format!("pixel {i}: {ray:?}"));
+            let found = [direct[i], indirect[i], after[i] - before[i]].map(Vec4::truncate);
+            let Some(first) = shown(&rig, frame, i as u32, hits[i]) else {
+                bare += 1;
+                tally.check(found[2] == Vec3::ZERO, || format!("pixel {i} shows nothing: {}", found[2]));
+                continue;
+            };
+            let pixel = Pixel {
+                at: [i as u32 % width, i as u32 / width],
+                shown: first,
+                diffuse: has(wo[i], ShadingPoints::LIT) && kd[i].truncate().element_sum() > 0.0,
+                emits: before[i].truncate().element_sum() > 0.0,
+            };
+            let around = |x: u32, y: u32| lit[(x + y * lit_size[0]) as usize];
+            let (expected, of_four) = upsample::reference(frame, &pixel, lit_size, around);
+            between += u32::from(of_four);
+            nearest += u32::from(!of_four);
+            emitting += u32::from(pixel.emits);
+            let scale = before[i].truncate().length();
+            let same = [0, 1, 2].iter().all(|&k| close(found[k], expected[k], 1e-3, 1e-5 * (1.0 + scale)));
+            let pairs = [0, 1, 2].map(|k| (found[k], expected[k]));
+            tally.check_values(same, &pairs, || format!("pixel {i}: {found:?} for {expected:?}"));
+        }
+        tally.finish(STRAYS);
+    }
+    bench.covered(
+        between > 1000 && nearest > 100 && emitting > 10 && bare > 10,
+        format_args!("{between} between lit points, {nearest} of the nearest, {emitting} emit, {bare} show nothing"),
+    );
+}
