@@ -58,7 +58,8 @@ def ours(args, errors, folder):
     height, width, _ = errors.first.shape
     command = [args.lightsum, "render", args.scene, "-o", image, "--no-layers", "--stats", stats]
     command += ["--max-depth", str(args.max_depth), "--resolution", f"{width}x{height}"]
-    settings = [("lightsum", passes, []) for passes in args.passes]
+    settings = [("lightsum, shading rate 2", passes, ["--shading-rate", "2"]) for passes in args.half]
+    settings += [("lightsum", passes, []) for passes in args.passes]
     settings += [("lightsum, no filter", passes, ["--filter", "off", "--compensation", "exact"]) for passes in args.unfiltered]
     for who, passes, flags in settings:
         seconds = []
@@ -234,7 +235,7 @@ def plot(files, out):
     from matplotlib import pyplot
 
     styles = {
-        "lightsum": ("#c0392b", "o"), "path tracer, denoised": ("#2c3e50", "s"),
+        "lightsum": ("#c0392b", "o"), "path tracer, denoised": ("#2c3e50", "s"), "lightsum, shading rate 2": ("#af7ac5", "D"),
         "lightsum, no filter": ("#e59866", "v"), "path tracer": ("#95a5a6", "^"),
     }
     columns = min(len(files), 3)
@@ -265,6 +266,7 @@ def main():
     parser.add_argument("--max-depth", type=int, default=16)
     numbers = lambda text: [int(word) for word in text.split(",") if word]
     parser.add_argument("--passes", type=numbers, default=[1, 2, 4, 8, 16])
+    parser.add_argument("--half", type=numbers, default=[1, 2], help="passes of renderings that light one point for each 2 x 2 pixels")
     parser.add_argument("--unfiltered", type=numbers, default=[], help="passes of renderings without the filter")
     parser.add_argument("--samples", type=numbers, default=SAMPLES)
     parser.add_argument("--process", action="store_true", help="seconds of whole processes")

@@ -100,6 +100,31 @@ fn assert_close(a: &Path, b: &Path, tolerance: f32) {
     }
 }
 
+/// Coarse frames of a view that turns, and the red of the image when it stands still.
+fn turned(flags: &str) -> (u64, Vec<f32>) {
+    let (display, folder) = (Display::open(), folder());
+    let script = "window 96x72\npanel off\npasses 1\ndrag right 20,20 32,26\npasses 2\nscreenshot still.exr\nquit\n";
+    fs::write(folder.path().join("script.txt"), script).unwrap();
+    let line = format!("view scene.toml --script script.txt --validation {QUICK} {flags}");
+    let mut view = command(folder.path(), &line);
+    view.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY");
+    let output = view.output().unwrap();
+    let (told, said) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{told}{said}");
+    let file = folder.path().join("still.exr");
+    assert_eq!(attribute(&file, "settings")["shading_rate"], 1, "{said}");
+    let summary: serde_json::Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
+    (summary["coarse_frames"].as_u64().unwrap(), channels(&file).remove("R").unwrap())
+}
+
+#[test]
+fn a_view_in_motion_lights_fewer_points_and_the_still_image_all() {
+    let (coarse, still) = turned("");
+    let (none, same) = turned("--shading-rate 1");
+    assert!(coarse > 0 && none == 0, "{coarse} and {none} coarse frames");
+    assert!(still == same && still.iter().sum::<f32>() > 0.0);
+}
+
 #[test]
 fn a_script_walks_through_a_scene() {
     let (display, folder) = (Display::open(), folder());

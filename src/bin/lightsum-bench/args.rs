@@ -99,6 +99,10 @@ pub struct Frame {
     /// Order in which visible points are grouped into clusters: screen or space [default: screen].
     #[arg(long, value_name = "ORDER,...", value_delimiter = ',', value_parser = cluster_order())]
     pub cluster_order: Vec<ClusterOrder>,
+    /// Pixels on each side of the squares whose light is computed once, 1 or 2 [default: 1].
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(Settings::MAX_SHADING_RATE)))]
+    pub shading_rate: Vec<u32>,
     /// Maximum number of glossy planes that mirror the room, largest first (--superposition variant): 0 to 255.
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=255))]
     pub reflectors: Vec<u32>,

@@ -58,6 +58,7 @@ fn combinations(args: &Frame, base: Settings) -> Vec<Settings> {
     let list = vec![Settings { compensation, ..base }];
     let list = each(list, &args.particles, |s, v| s.particles = v);
     let list = each(list, &args.max_depth, |s, v| s.max_depth = v);
+    let list = each(list, &args.shading_rate, |s, v| s.shading_rate = v);
     let list = each(list, &args.lights_per_dispatch, |s, v| s.lights_per_dispatch = v);
     let list = each(list, &args.traversal, |s, v| s.traversal = v);
     let list = each(list, &args.cluster_order, |s, v| s.cluster_order = v);

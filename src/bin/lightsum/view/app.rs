@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use lightsum::gpu::surface::{Outcome, Shown};
-use lightsum::settings::Exposure;
+use lightsum::settings::{Exposure, Settings};
 use lightsum::{Error, Result};
 use serde_json::{Value, json};
 use winit::dpi::{LogicalSize, PhysicalSize};
@@ -114,7 +114,7 @@ impl<'a> App<'a> {
                 lights: false,
                 kernels: false,
             },
-            panel: Panel::new(args.coarser),
+            panel: Panel::new(args.coarser, args.shown.keys.typed().shading_rate),
             clock: Clock::default(),
             // A script says how many passes it waits for.
             limit: if script.is_some() { 1 } else { args.passes },
@@ -215,16 +215,20 @@ impl<'a> App<'a> {
         self.touched();
     }
 
-    /// By how much the next image is smaller than it is shown. A ring would lose its images by a change of size.
-    fn coarser(&self) -> u32 {
+    /// Whether the next image may be coarse, since the camera moves. A ring would lose its images.
+    fn is_in_motion(&self) -> bool {
         let moves = self.moved.is_some_and(|at| at.elapsed() < SETTLE);
-        let ring = self.session.as_ref().is_some_and(|session| session.engine().settings().ring.is_some());
-        if moves && !ring { self.panel.coarser } else { 1 }
+        moves && self.session.as_ref().is_some_and(|session| session.settings().ring.is_none())
+    }
+
+    /// Shading rate of the next image; `None`: that of the still one. Ranks shade pixels one by one.
+    fn moving_rate(&self) -> Option<u32> {
+        self.panel.moving_rate.filter(|_| self.others.is_none() && self.is_in_motion())
     }
 
     /// Whether a coarse image is to be replaced, since the camera stands still.
     fn refines(&self) -> bool {
-        self.session.as_ref().is_some_and(Session::is_coarse) && self.coarser() == 1
+        self.session.as_ref().is_some_and(Session::is_coarse) && !self.is_in_motion()
     }
 
     /// The next command of a script waits for a frame.
@@ -243,6 +247,8 @@ impl<'a> App<'a> {
         window.set_visible(true);
         let stage = Stage::new(window, &self.args)?;
         let info = stage.device.info();
+        // Passes of graphics cards take milliseconds.
+        self.panel.moving_rate = self.panel.moving_rate.or((!info.is_wide()).then_some(Settings::MAX_SHADING_RATE));
         self.panel.device = format!("{} ({} {})", info.name, info.driver, info.driver_version);
         self.stage = Some(stage);
         if let Some(scene) = self.args.scene.clone() {
@@ -306,9 +312,10 @@ impl<'a> App<'a> {
 
     /// Gives the image the size at which it is shown. Returns an error that has not been told.
     fn fit(&mut self) -> Option<Error> {
-        let (size, coarser) = ([self.image[2], self.image[3]], self.coarser());
+        let (size, rate) = ([self.image[2], self.image[3]], self.moving_rate());
+        let coarser = if self.is_in_motion() { self.panel.coarser } else { 1 };
         let session = self.session.as_mut().filter(|_| size[0] > 0 && size[1] > 0 && self.refused != Some(size))?;
-        match session.resize(size, coarser) {
+        match session.light_at(rate).and_then(|()| session.resize(size, coarser)) {
             Ok(true) => self.clock.input(),
             Ok(false) => {}
             Err(error) => {

@@ -1,7 +1,6 @@
 //! The settings, each with the help of its flag and the time of the GPU passes that it changes.
 
 use egui::{DragValue, RichText, Ui};
-use lightsum::engine::Engine;
 use lightsum::ring::{Form, Ring};
 use lightsum::settings::{
     ClusterOrder, Compensation, Filter, GlossyForm, LightChoice, Preset, Sequence, Settings, ShadowForm, SoftShadows,
@@ -9,6 +8,7 @@ use lightsum::settings::{
 };
 
 use super::panel::{Panel, Request};
+use super::session::Session;
 
 /// The GPU passes whose time a setting changes, by its flag. Settings that are not here change no time, or that of all passes.
 const PASSES: [(&str, &[&str]); 27] = [
@@ -50,9 +50,9 @@ fn cost(flag: &str, times: &[(String, f64)]) -> Option<f64> {
 }
 
 /// Draws them; asks for others if the user changed one.
-pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], engine: &Engine, requests: &mut Vec<Request>) {
+pub fn show(ui: &mut Ui, panel: &Panel, times: &[(String, f64)], session: &Session, requests: &mut Vec<Request>) {
     let panel = &Rows { panel, times };
-    let now = engine.settings();
+    let (now, engine) = (session.settings(), session.engine());
     let mut s = now.clone();
     ui.horizontal(|ui| {
         ui.label("preset").on_hover_text(panel.panel.flag("preset"));

@@ -54,6 +54,8 @@ pub struct Panel {
     pub paused: bool,
     /// By how much the image is smaller while the camera moves; 1: not at all.
     pub coarser: u32,
+    /// Shading rate while the camera moves; `None`: that of the still image.
+    pub moving_rate: Option<u32>,
     /// The latest message.
     pub notice: Option<Notice>,
     /// Name of the device and its driver.
@@ -63,8 +65,8 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// For images that are smaller by this factor while the camera moves.
-    pub fn new(coarser: u32) -> Panel {
+    /// For images that are smaller by this factor, and lit at this rate, while the camera moves.
+    pub fn new(coarser: u32, moving_rate: Option<u32>) -> Panel {
         let mut flags = HashMap::new();
         let arguments = args::command();
         for command in arguments.get_subcommands() {
@@ -73,7 +75,16 @@ impl Panel {
                 flags.entry(flag.get_id().to_string()).or_insert(help.unwrap_or_default());
             }
         }
-        Panel { open: true, help: false, paused: false, coarser, notice: None, device: String::new(), flags }
+        Panel {
+            open: true,
+            help: false,
+            paused: false,
+            coarser,
+            moving_rate,
+            notice: None,
+            device: String::new(),
+            flags,
+        }
     }
 
     /// Help of a flag.
@@ -144,8 +155,13 @@ impl Panel {
                 ui.label("coarser in motion").on_hover_text(self.flag("coarser"));
                 ui.add(DragValue::new(&mut self.coarser).range(1..=MAX_COARSER).speed(0.05));
             });
+            ui.horizontal(|ui| {
+                ui.label("shading rate in motion").on_hover_text(self.flag("shading_rate"));
+                let rate = self.moving_rate.get_or_insert(1);
+                ui.add(DragValue::new(rate).range(1..=Settings::MAX_SHADING_RATE).speed(0.05));
+            });
         });
-        ui.collapsing("Settings", |ui| options::show(ui, self, &clock.passes, engine, requests));
+        ui.collapsing("Settings", |ui| options::show(ui, self, &clock.passes, session, requests));
         let object = session.chosen().and_then(|chosen| session.scene()?.objects.get(chosen.object as usize));
         let title = object.map_or(String::from("Object"), |name| format!("Object: {name}"));
         egui::CollapsingHeader::new(title).id_salt("object").default_open(true).show(ui, |ui| match object {
@@ -188,7 +204,7 @@ impl Panel {
                 ui.selectable_value(&mut look.layer, layer, name(layer));
             }
         });
-        let settings = session.engine().settings();
+        let settings = session.settings();
         if look.layer != before && look.layer.is_some_and(Layer::is_summand) && !settings.summands {
             requests.push(Request::Settings(Box::new(Settings { summands: true, ..settings.clone() })));
         }

@@ -72,7 +72,7 @@ impl App<'_> {
                 let session = self.session.as_mut()?;
                 let mut keys = session.scene().map(|scene| scene.render.clone()).unwrap_or_default();
                 keys.override_by(&flags.keys.flags);
-                let now = session.engine().settings();
+                let now = session.settings();
                 let wanted = Settings::default().with_scene_defaults(&keys);
                 let wanted = Settings { traversal: now.traversal, summands: now.summands, ..wanted };
                 let result = session.set_settings(wanted);
@@ -86,8 +86,7 @@ impl App<'_> {
                 self.look.layer = layer;
                 let session = self.session.as_mut()?;
                 if layer.is_some_and(|layer| layer.is_summand()) {
-                    let result =
-                        session.set_settings(Settings { summands: true, ..session.engine().settings().clone() });
+                    let result = session.set_settings(Settings { summands: true, ..session.settings().clone() });
                     self.check(result);
                 }
             }

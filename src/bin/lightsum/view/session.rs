@@ -68,6 +68,8 @@ pub struct Session {
     /// Size at which the image is shown, and by how much that of the engine is smaller while the camera moves.
     size: [u32; 2],
     coarser: u32,
+    /// Settings of the still image.
+    settings: Settings,
     /// The object that the user chose.
     chosen: Option<Chosen>,
     origin: DVec3,
@@ -153,6 +155,7 @@ impl Session {
                 (engine, Some(scene))
             }
         };
+        let still_settings = engine.settings().clone();
         let mut edits = Edits::default();
         edits.add(Edit::Camera(camera));
         edits.add(Edit::Settings(Box::new(engine.settings().clone())));
@@ -169,6 +172,7 @@ impl Session {
             still,
             size: camera.resolution,
             coarser: 1,
+            settings: still_settings,
             origin,
             pivots,
             readback: Buffer::new(context, "lost rays", 16, Memory::Readback)?,
@@ -235,13 +239,36 @@ impl Session {
         Ok(changes)
     }
 
-    /// Whether the image is rendered smaller than it is shown.
+    /// Lights the next images at this rate, or that of the still image if it is higher; `None`: at that.
+    pub fn light_at(&mut self, rate: Option<u32>) -> Result<()> {
+        let still = self.settings.shading_rate;
+        let shading_rate = rate.map_or(still, |rate| rate.max(still));
+        if self.engine.settings().shading_rate == shading_rate {
+            return Ok(());
+        }
+        // Rays may have been given more rounds.
+        let rounds = self.engine.settings().rounds.max(self.settings.rounds);
+        self.apply(Settings { shading_rate, rounds, ..self.settings.clone() })
+    }
+
+    /// Whether the image is rendered smaller than it is shown, or fewer points are lit than in the still image.
     pub fn is_coarse(&self) -> bool {
-        self.coarser > 1
+        self.coarser > 1 || self.engine.settings().shading_rate > self.settings.shading_rate
+    }
+
+    /// The settings of the still image.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     /// Changes the settings.
     pub fn set_settings(&mut self, settings: Settings) -> Result<()> {
+        self.apply(settings.clone())?;
+        self.settings = settings;
+        Ok(())
+    }
+
+    fn apply(&mut self, settings: Settings) -> Result<()> {
         self.layer = None;
         self.engine.set_settings(settings)?;
         self.edits.add(Edit::Settings(Box::new(self.engine.settings().clone())));
@@ -515,7 +542,7 @@ impl Session {
             name: self.name.clone(),
             camera: self.rendered(),
             origin: self.origin,
-            settings: self.engine.settings().clone(),
+            settings: self.settings.clone(),
             outputs: vec![path.to_path_buf()],
             encoding,
             denoise: false,

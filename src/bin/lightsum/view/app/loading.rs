@@ -58,6 +58,8 @@ impl App<'_> {
                 stage.window.set_title(&format!("{} - lightsum", session.name));
             }
             self.session = Some(session);
+            // The first image is there sooner with fewer lit points.
+            self.camera_moved();
         }
         self.touched();
     }
