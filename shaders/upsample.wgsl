@@ -6,6 +6,7 @@
 #include "camera.wgsl"
 #include "edges.wgsl"
 #include "radiance.wgsl"
+#include "lit_points.wgsl"
 
 // Of lit points, in an image of half the width and height.
 @group(0) @binding(9) var<storage, read> lit_hits: array<vec2<u32>>;    // triangle (all ones: none), bits of t
@@ -25,31 +26,14 @@
 @group(0) @binding(22) var<storage, read_write> pixel_direct: array<vec4<f32>>;
 @group(0) @binding(23) var<storage, read_write> pixel_indirect: array<vec4<f32>>;
 
-// Pixels on each side of a square with one lit point. Host twin: Settings::MAX_SHADING_RATE.
-const RATE: u32 = 2u;
-// Host twin: pass::upsample::LEAST_WEIGHT.
-const LEAST_WEIGHT: f32 = 1e-6;
 // Added to the squared distance of a lit point of another material, lit points. Host twin: pass::upsample::OTHER_MATERIAL.
 const OTHER_MATERIAL: f32 = 100.0;
-// Weight of the angle between normals beside the distance in space. Host twin: pass::edges::TURNED.
-const TURNED: f32 = 8.0;
 
 // Light that a lit point lends, or a sum of it.
 struct Lent {
     e_direct: vec3<f32>,
     e_indirect: vec3<f32>,
     l: vec3<f32>,   // radiance that does not depend on the pixel's albedo
-}
-
-// Width and height of the image of lit points.
-fn lit_size() -> vec2<u32> {
-    return (frame.size.xy + RATE - 1u) / RATE;
-}
-
-// Lit point i of a square of `side` x `side` from a corner; beyond the image the nearest one inside.
-fn lit_place(corner: vec2<i32>, i: u32, side: u32) -> vec2<u32> {
-    let place = corner + vec2<i32>(i32(i % side), i32(i / side));
-    return vec2<u32>(clamp(place, vec2<i32>(0), vec2<i32>(lit_size()) - 1));
 }
 
 // First hit of the eye ray to a lit point.
@@ -84,23 +68,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let guide = first_hits[pixel];
     let own = first_hit(guide.x, bitcast<f32>(guide.y), eye_ray(at, frame.pixel_offset.xy));
     let emits = mean3(pixel_emitted[pixel].xyz) > 0.0;
-    // Place of the pixel's sample among those of lit points, from that of its square.
-    let square = vec2<i32>(at / RATE);
-    let place = (vec2<f32>(at % RATE) - frame.pixel_offset.xy * f32(RATE - 1u)) / f32(RATE);
-    let corner = square + vec2<i32>(floor(place));
-    let between = place - floor(place);
+    let among = lit_place_of(at);
     let width = lit_size().x;
 
     // Between the four around it, those that show the surface.
     var sum = Lent(vec3<f32>(0.0), vec3<f32>(0.0), vec3<f32>(0.0));
     var total = 0.0;
     for (var i = 0u; i < 4u; i += 1u) {
-        let there = lit_place(corner, i, 2u);
+        let there = lit_place(among, i, 2u);
         let point = there.x + width * there.y;
-        let across = select(1.0 - between.x, between.x, (i & 1u) == 1u);
-        let down = select(1.0 - between.y, between.y, i > 1u);
         let shows = same_surface(own, lit_hit(there, lit_hits[point]));
-        let weight = select(0.0, across * down, shows);
+        let weight = select(0.0, lit_weight(among, i), shows);
         let lent = lent_by(point, emits);
         sum.e_direct += weight * lent.e_direct;
         sum.e_indirect += weight * lent.e_indirect;
@@ -118,10 +96,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         var rank = 0u;
         var least = 3.0e38;
         for (var i = 0u; i < 16u; i += 1u) {
-            let there = lit_place(corner - 1, i, 4u);
+            let there = lit_place(among, i, 4u);
             let point = there.x + width * there.y;
             let theirs = lit_hit(there, lit_hits[point]);
-            let offset = vec2<f32>(vec2<i32>(there) - square) - place;
+            let offset = vec2<f32>(vec2<i32>(there) - among.square) - among.place;
             let in_image = dot(offset, offset);
             let apart = theirs.position - own.position;
             let in_space = dot(apart, apart) * (1.0 + TURNED * (1.0 - dot(theirs.normal, own.normal)));
@@ -142,7 +120,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let l = select(select(select(whole, zero, emits), zero, rank == 2u), lent.l, rank == 3u);
         light = Lent(select(zero, lent.e_direct, rank > 1u), select(zero, lent.e_indirect, rank > 1u), l);
     }
-    let l = select(vec3<f32>(0.0), light.l, own.found);
+    // What a path of its own sees through mirrors and glass has its light from upsample_paths.
+    let l = select(vec3<f32>(0.0), light.l, own.found && !has_flag(pixel_wo[pixel].w, SEEN_BY_SPECULAR));
     pixel_emitted[pixel] += vec4<f32>(l, 0.0);
     pixel_direct[pixel] = vec4<f32>(light.e_direct, 0.0);
     pixel_indirect[pixel] = vec4<f32>(light.e_indirect, 0.0);

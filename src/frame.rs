@@ -207,8 +207,10 @@ impl Frame {
         let splats = Splats::new(kit, scene, plan, (&eye, &shade))?;
         let compensation = Compensation::new(kit, scene, plan, (&eye, &light_lists, &walk.lights, &shade))?;
         let near_light = NearLight::new(kit, scene, plan, (&eye, &light_lists, &shade), soft_shadows.as_ref())?;
+        // Pixels that see through mirrors and glass themselves take irradiance alone.
+        let follows = plan.pixels_follow();
         let third_light = match plan.eye.slots_of_pixel {
-            3 => Some(ThirdLight::new(kit, &eye.points, &eye.paths, &shade.lighting, &eye.ideal_tiles)?),
+            3 if !follows => Some(ThirdLight::new(kit, &eye.points, &eye.paths, &shade.lighting, &eye.ideal_tiles)?),
             _ => None,
         };
         // Kept light has no noise that a filter could take away.
@@ -273,8 +275,11 @@ impl Frame {
                 Some(SoftShadowAdd::new(kit, &eye.points, &pass.direct, &all, plan.eye.pixels)?)
             }
         };
-        let lamp_edges = LampEdges::new(kit, plan, &eye, (lighting, path_gain_of.as_ref()))?;
-        let (outliers, unlikely) = match settings.filter.is_some() && plan.eye.components == 2 {
+        let lamp_edges = match follows {
+            false => LampEdges::new(kit, plan, &eye, (lighting, path_gain_of.as_ref()))?,
+            true => None,
+        };
+        let (outliers, unlikely) = match settings.filter.is_some() && plan.eye.components == 2 && !follows {
             false => (None, None),
             true => {
                 let inputs = outliers::Inputs {
@@ -299,9 +304,10 @@ impl Frame {
         let glossy_planes = GlossyPlanes::new(kit, plan, scene.tables(), &eye, lighting, shown)?;
         let merge = match plan.eye.components {
             1 => None,
+            _ if follows => None,
             _ => Some(Merge::new(kit, &eye.points, &eye.paths, lighting, &eye.ideal_tiles, shown)?),
         };
-        let upsample = Upsample::new(kit, scene, plan, &eye, lighting)?;
+        let upsample = Upsample::new(kit, scene, plan, &eye, [lighting, &shade.lighting])?;
         let (of_pixels, seen, shown_light) = match &upsample {
             None => (kit.clone(), eye.seen(), lighting),
             Some(upsample) => (upsample.kit(kit), upsample.seen(), &upsample.lighting),

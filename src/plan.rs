@@ -25,7 +25,7 @@ use crate::pass::Kit;
 use crate::pass::delta_choice::{Candidates, MAX_CANDIDATES};
 use crate::pass::importance::MAX_EMITTERS;
 use crate::pass::layout::{PointLight, Step};
-use crate::settings::{Compensation, LightChoice, MirrorImages, Settings};
+use crate::settings::{ClusterOrder, Compensation, LightChoice, MirrorImages, Settings};
 use crate::view::{MAX_PIXELS, View};
 
 /// Maximum iterations of all loops of a shader invocation's subgroup together. lavapipe before Mesa 25 silently ends
@@ -165,6 +165,29 @@ impl EyePlan {
         EyePlan { pixels, steps, components, slots_of_pixel, plain_mirrors, mirrors, panes, curved, images, lobes }
     }
 
+    /// For pixels that take the light of points which `lit` sees; `None`: all are lit. Where paths follow lobes, or planes mirror the room, or one
+    /// component of two is chosen, they end at the first hit.
+    fn of_pixels(settings: &Settings, specular: SpecularFeatures, view: &View, lit: EyePlan) -> Option<EyePlan> {
+        if settings.shading_rate == 1 {
+            return None;
+        }
+        let all = EyePlan::new(&Settings { shading_rate: 1, ..settings.clone() }, specular, view);
+        let follows = lit.components == 2 && !lit.lobes && !lit.mirrors && all.slots_of_pixel == lit.slots_of_pixel;
+        let ends = EyePlan {
+            steps: 0,
+            components: 1,
+            slots_of_pixel: 1,
+            plain_mirrors: false,
+            mirrors: false,
+            panes: false,
+            curved: false,
+            images: None,
+            lobes: false,
+            ..all
+        };
+        Some(if follows { all } else { ends })
+    }
+
     /// Slots of all shading points of the eye.
     pub fn slots(&self) -> u32 {
         self.pixels * self.slots_of_pixel
@@ -233,6 +256,8 @@ pub struct Plan {
     pub particles: u32,
     /// Eye paths.
     pub eye: EyePlan,
+    /// Of the pixels that take the light of lit points; `None`: all of them are lit ([`Settings::shading_rate`]).
+    pub pixels: Option<EyePlan>,
     /// Caustic photons; `None`: there are none, or no targets.
     pub photons: Option<PhotonPlan>,
     /// Mirrored lights; `None`: there are none.
@@ -331,6 +356,7 @@ pub fn derive(scene: &DeviceScene, asked: &Settings, view: &View) -> Result<Plan
         lights,
         lists,
         particles,
+        pixels: EyePlan::of_pixels(settings, scene.specular, view, eye),
         eye,
         // Neighbours in an atlas need not be neighbours in the scene.
         settings: Settings { filter: settings.filter.filter(|_| view.camera().is_some()), ..settings.clone() },
@@ -447,7 +473,25 @@ impl Plan {
 
     /// Whether pixels take the light of points nearby.
     pub fn upsamples(&self) -> bool {
-        self.settings.shading_rate > 1
+        self.pixels.is_some()
+    }
+
+    /// Whether these pixels see through mirrors and glass themselves.
+    pub fn pixels_follow(&self) -> bool {
+        self.pixels.is_some_and(|pixels| pixels.components == 2)
+    }
+
+    /// The plan of the eye of these pixels.
+    pub(crate) fn of_pixels(&self) -> Option<Plan> {
+        let settings = Settings {
+            shading_rate: 1,
+            superposition: None,
+            // Nothing sorts them.
+            compensation: Compensation::Off,
+            cluster_order: ClusterOrder::Screen,
+            ..self.settings.clone()
+        };
+        Some(Plan { eye: self.pixels?, settings, ..self.clone() })
     }
 
     /// Number of sets of shading points: the eye's, and one for each gather ray.
@@ -530,8 +574,8 @@ impl Plan {
             && self.scene.tables == other.scene.tables
             && self.trace_rounds() == other.trace_rounds()
             && self.scene.extent.reflectivity == other.scene.extent.reflectivity
-            && (&self.lights, &self.lists, self.eye, self.photons, self.mirrors, self.splats)
-                == (&other.lights, &other.lists, other.eye, other.photons, other.mirrors, other.splats)
+            && (&self.lights, &self.lists, self.eye, self.pixels, self.photons, self.mirrors, self.splats)
+                == (&other.lights, &other.lists, other.eye, other.pixels, other.photons, other.mirrors, other.splats)
     }
 }
 

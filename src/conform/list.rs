@@ -125,6 +125,7 @@ macro_rules! each_check {
             }
             upsample {
                 upsampling_follows_its_oracle("upsample", Nothing, "", "1e-3; 1 of 1000 pixels may differ");
+                paths_of_pixels_follow_their_oracle("upsample_paths", Nothing, "indirect dispatch", "1e-3; 1 of 1000 points may differ");
             }
             lamp_edges {
                 lamps_follow_their_oracle("lamp_edges_mark lamp_edges_rays lamp_edges_turn lamp_edges_add", Nothing, "indirect dispatch", "5e-3; 1 of 1000 rays may differ");

@@ -79,6 +79,7 @@ pub mod tiles;
 pub mod trace;
 pub mod unlikely;
 pub mod upsample;
+pub mod upsample_paths;
 pub mod velocity;
 pub mod visibility;
 pub mod walk_follow;

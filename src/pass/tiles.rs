@@ -6,10 +6,12 @@
 
 use super::{BoundKernel, Kit, List, Rays, groups};
 use crate::error::Result;
-use crate::gpu::{Recorder, Resources, shaders};
+use crate::gpu::{Buffer, Recorder, Resources, shaders};
 
 /// Both steps of the pass.
 pub struct Tiles {
+    /// Of each tile: 1 if it is listed, else 0.
+    pub marks: Buffer,
     mark: BoundKernel,
     list: BoundKernel,
     tiles: u32,
@@ -18,10 +20,12 @@ pub struct Tiles {
 impl Tiles {
     /// Writes `list` (tiles, and one workgroup for each) from `rays.hits` of an image of `tiles` tiles.
     pub fn new(kit: &Kit, rays: &Rays, list: &List, tiles: u32) -> Result<Self> {
-        let marks = Resources::of([("marks", &kit.array("tile marks", tiles, 4)?)]);
+        let marks = kit.array("tile marks", tiles, 4)?;
+        let own = Resources::of([("marks", &marks)]);
         Ok(Tiles {
-            mark: kit.bind(&shaders::TILES_MARK, &[&rays.resources(), &marks])?,
-            list: kit.bind(&shaders::TILES_LIST, &[&list.resources(), &marks])?,
+            mark: kit.bind(&shaders::TILES_MARK, &[&rays.resources(), &own])?,
+            list: kit.bind(&shaders::TILES_LIST, &[&list.resources(), &own])?,
+            marks,
             tiles,
         })
     }

@@ -8,7 +8,8 @@
 //! L = L_e + kd / pi (E_direct + E_indirect) + L_s        E and L_s: means over the four with weights (1 - |x - x_i|)(1 - |y - y_i|)
 //! ```
 //!
-//! Through mirrors and glass they lend their whole radiance, so that what these show is blurred. Where none of the four shows the surface the nearest of
+//! What the pixel's own path sees through mirrors and glass is lit by [`upsample_paths`](super::upsample_paths). Where paths follow lobes, planes mirror the room, or one of two components is
+//! chosen, they end at the first hit, and mirrors and glass take the whole radiance of lit points, so that what they show is blurred. Where none of the four shows the surface the nearest of
 //! sixteen that does lends; a diffuse surface that none shows takes the irradiance of the lit point of them that is near in space and faces as it
 //! does, as at [`edges`](super::edges); another surface takes the radiance of the nearest, of its material if one is. An emitter keeps its own
 //! emission, and so does the environment.
@@ -27,6 +28,7 @@ use super::{BoundKernel, EyePathState, Kit, Lighting, ShadingPoints, groups};
 use crate::error::Result;
 use crate::gpu::{Recorder, Resources, shaders};
 use crate::settings::Settings;
+use crate::stage::Seen;
 
 /// Added to the squared distance of a lit point of another material, lit points.
 pub const OTHER_MATERIAL: f32 = 100.0;
@@ -55,13 +57,9 @@ pub struct Upsample {
 }
 
 impl Upsample {
-    /// Adds to the emission of the `points` of so many pixels, whose first hits `guides` has, and writes their irradiance to `lighting`.
-    pub fn new(
-        kit: &Kit,
-        lit: &Lit,
-        (guides, points, lighting): (&EdgeGuides, &ShadingPoints, &Lighting),
-        pixels: u32,
-    ) -> Result<Self> {
+    /// Adds to the emission of what is `seen`, and writes its irradiance to `lighting`.
+    pub fn new(kit: &Kit, lit: &Lit, seen: &Seen, lighting: &Lighting) -> Result<Self> {
+        let (Seen { points, pixels, .. }, guides) = (*seen, seen.guides.unwrap_or(lit.guides));
         let own = Resources::of([
             ("lit_hits", &lit.guides.first_hits),
             ("first_hits", &guides.first_hits),
@@ -107,6 +105,46 @@ pub struct Pixel {
     pub emits: bool,
 }
 
+/// Where a pixel lies among lit points, for the oracle.
+pub struct Place {
+    square: [i32; 2],
+    place: [f32; 2],
+    size: [u32; 2],
+}
+
+impl Place {
+    /// For lit points of an image of this size.
+    pub fn of(frame: &FrameParameters, at: [u32; 2], size: [u32; 2]) -> Place {
+        let place = |k: usize| (at[k] % RATE) as f32 - frame.pixel_offset[k] * (RATE - 1) as f32;
+        Place { square: at.map(|n| (n / RATE) as i32), place: [0, 1].map(|k| place(k) / RATE as f32), size }
+    }
+
+    fn around(&self, side: i32) -> impl Iterator<Item = [u32; 2]> {
+        let corner = [0, 1].map(|k| self.square[k] + self.place[k].floor() as i32 - (side / 2 - 1));
+        let last = self.size.map(|n| n as i32 - 1);
+        let at = move |i: i32| [(corner[0] + i % side), (corner[1] + i / side)];
+        (0..side * side).map(move |i| [0, 1].map(|k| at(i)[k].clamp(0, last[k]) as u32))
+    }
+
+    /// The four lit points around it with their weights.
+    pub fn four(&self) -> impl Iterator<Item = ([u32; 2], f32)> {
+        let between = self.place.map(|x| x - x.floor());
+        let part = move |k: usize, beyond: bool| if beyond { between[k] } else { 1.0 - between[k] };
+        self.around(2).enumerate().map(move |(i, at)| (at, part(0, i & 1 == 1) * part(1, i > 1)))
+    }
+
+    /// The sixteen around it.
+    pub fn sixteen(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.around(4)
+    }
+
+    /// Squared distance from a lit point, lit points.
+    pub fn distance2(&self, at: [u32; 2]) -> f32 {
+        let [dx, dy] = [0, 1].map(|k| (at[k] as i32 - self.square[k]) as f32 - self.place[k]);
+        dx * dx + dy * dy
+    }
+}
+
 impl LitPoint {
     /// Direct and indirect irradiance that it lends, and radiance that does not depend on the pixel's albedo.
     fn lends(&self, emits: bool) -> [Vec3; 3] {
@@ -131,23 +169,11 @@ pub fn reference(
     size: [u32; 2],
     lit: impl Fn(u32, u32) -> LitPoint,
 ) -> ([Vec3; 3], bool) {
-    let square = pixel.at.map(|n| (n / RATE) as i32);
-    let place = [0, 1].map(|k| ((pixel.at[k] % RATE) as f32 - frame.pixel_offset[k] * (RATE - 1) as f32) / RATE as f32);
-    let inside = |at: i32, axis: usize| at.clamp(0, size[axis] as i32 - 1) as u32;
-    let corner = [0, 1].map(|k| square[k] + place[k].floor() as i32);
-    let around = |first: i32, side: i32| {
-        (0..side * side)
-            .map(move |i| [inside(corner[0] + first + i % side, 0), inside(corner[1] + first + i / side, 1)])
-    };
+    let place = Place::of(frame, pixel.at, size);
     let shows = |near: &LitPoint| same_surface(frame, Some(&pixel.shown), near.shown.as_ref());
     let (mut sum, mut total) = ([Vec3::ZERO; 3], 0.0);
-    for (i, [x, y]) in around(0, 2).enumerate() {
+    for ([x, y], weight) in place.four() {
         let near = lit(x, y);
-        let part = |axis: usize, beyond: bool| {
-            let between = place[axis] - place[axis].floor();
-            if beyond { between } else { 1.0 - between }
-        };
-        let weight = part(0, i & 1 == 1) * part(1, i > 1);
         if shows(&near) {
             total += weight;
             sum = [0, 1, 2].map(|k| sum[k] + weight * near.lends(pixel.emits)[k]);
@@ -160,10 +186,9 @@ pub fn reference(
     let nearest = |key: &dyn Fn(&LitPoint, f32) -> Option<f32>| {
         let of = |[x, y]: [u32; 2]| {
             let near = lit(x, y);
-            let [dx, dy] = [(x, 0), (y, 1)].map(|(at, k)| (at as i32 - square[k]) as f32 - place[k]);
-            Some((key(&near, dx * dx + dy * dy)?, near))
+            Some((key(&near, place.distance2([x, y]))?, near))
         };
-        around(-1, 4).filter_map(of).reduce(|a, b| if b.0 < a.0 { b } else { a }).map(|(_, near)| near)
+        place.sixteen().filter_map(of).reduce(|a, b| if b.0 < a.0 { b } else { a }).map(|(_, near)| near)
     };
     if let Some(near) = nearest(&|near, distance2| shows(near).then_some(distance2)) {
         return (near.lends(pixel.emits), false);

@@ -220,6 +220,11 @@ impl Eye {
         })
     }
 
+    /// Of each tile of 8 x 8 pixels: 1 if it is one of `ideal_tiles`, else 0.
+    pub fn ideal_marks(&self) -> &Buffer {
+        &self.tiles.marks
+    }
+
     /// Its pixels.
     pub fn seen(&self) -> Seen<'_> {
         let Eye { rays, paths, points, pixels, plain_mirrors, .. } = self;

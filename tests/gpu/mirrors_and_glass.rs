@@ -327,10 +327,18 @@ fn glass_and_mirrors_in_a_furnace_are_invisible() {
             };
             // Paths of 16 segments: glass takes two, and what is cut off is below 0.2^6.
             let of = |settings: Settings| Settings { max_depth: 16, max_specular: 16, ..settings };
-            for (preset, settings) in [("default", Settings::default()), ("interactive", Settings::interactive())] {
+            for (preset, settings) in [
+                ("default", Settings::default()),
+                ("interactive", Settings::interactive()),
+                ("one lit point for four pixels", Settings { shading_rate: 2, ..Settings::default() }),
+            ] {
+                // As many lit points.
+                let rate = settings.shading_rate;
+                let camera = Camera { resolution: [48 * rate; 2], ..camera };
                 let layers = render(ctx, &soup.0, camera, &of(settings), 24);
                 let grey = |pixels: &[Vec3]| mean(pixels).element_sum() / 3.0;
-                let of_ball: Vec<Vec3> = (0..48 * 48).filter(shows_ball).map(|i| layers.color[i as usize]).collect();
+                let pixels = (0..48 * 48).filter(shows_ball).map(|i| rate * (i % 48) + rate * rate * 48 * (i / 48));
+                let of_ball: Vec<Vec3> = pixels.map(|i| layers.color[i as usize]).collect();
                 let (all, inside) = (grey(&layers.color), if ball { grey(&of_ball) } else { 1.0 });
                 println!("{what}, {preset}: {all:.4}, the ball {inside:.4}");
                 assert!((all - 1.0).abs() < 0.005 && (inside - 1.0).abs() < 0.005, "{what}, {preset}: {all}, {inside}");

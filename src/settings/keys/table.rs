@@ -140,8 +140,8 @@ keys! {
     antialias: bool = Key::switch("--antialias", LIGHT, "true");
     /// Pixels on each side of the squares whose light is computed once.
     ///
-    /// 2: a pass takes some 0.4 of the time and has 1.5 times the error; surfaces, textures and edges stay sharp, what mirrors and glass show is
-    /// blurred. For frames and first images, since the blur stays in later passes. Unless it is given, view takes 2 on a processor while the camera
+    /// 2: a pass takes some 0.5 of the time and has 1.3 to 1.5 times the error; surfaces, textures and edges stay sharp, and what mirrors and glass show too,
+    /// unless the scene has narrow lobes or --no-split. For frames and first images, since blur of light stays in later passes. Unless it is given, view takes 2 on a processor while the camera
     /// moves, and then 1.
     shading_rate: u32 = Key::count("--shading-rate", LIGHT, 1, Settings::MAX_SHADING_RATE as u64).on(SHOWN).or_by("1");
     /// Caustic photons in each pass, for each class of pixels; 0: no caustics. At most 1048576 over all classes.
