@@ -25,6 +25,7 @@
 @group(0) @binding(21) var<storage, read_write> pixel_emitted: array<vec4<f32>>;
 @group(0) @binding(22) var<storage, read_write> pixel_direct: array<vec4<f32>>;
 @group(0) @binding(23) var<storage, read_write> pixel_indirect: array<vec4<f32>>;
+@group(0) @binding(24) var<storage, read_write> pixel_specular: array<vec4<f32>>;
 
 // Added to the squared distance of a lit point of another material, lit points. Host twin: pass::upsample::OTHER_MATERIAL.
 const OTHER_MATERIAL: f32 = 100.0;
@@ -125,4 +126,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     pixel_emitted[pixel] += vec4<f32>(l, 0.0);
     pixel_direct[pixel] = vec4<f32>(light.e_direct, 0.0);
     pixel_indirect[pixel] = vec4<f32>(light.e_indirect, 0.0);
+    pixel_specular[pixel] = vec4<f32>(0.0);
 }

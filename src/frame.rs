@@ -544,7 +544,6 @@ impl Frame {
     /// Records work needed once, after the uploads of a new frame and before its first pass.
     pub fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
         self.glossy_planes.record_setup(rec)?;
-        self.upsample.record_setup(rec)?;
         self.gain.as_ref().map_or(Ok(()), |gain| gain.record_clear(rec))?;
         self.lens.record_setup(rec)
     }

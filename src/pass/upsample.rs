@@ -68,6 +68,7 @@ impl Upsample {
             ("pixel_emitted", &points.emitted),
             ("pixel_direct", &lighting.direct),
             ("pixel_indirect", &lighting.indirect),
+            ("pixel_specular", &lighting.specular),
         ]);
         let sets = [&own, &lit.points.resources(), &lit.paths.resources(), &lit.lighting.resources()];
         Ok(Upsample { kernel: kit.bind(&shaders::UPSAMPLE, &sets)?, pixels })

@@ -127,10 +127,6 @@ impl Through {
 impl Stage for Upsample {
     const NAME: &'static str = "upsample";
 
-    fn record_setup(&self, rec: &mut Recorder) -> Result<()> {
-        rec.fill(&self.lighting.specular, 0)
-    }
-
     fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.eye.record(rec)?;
         self.first_hits.record(rec)?;

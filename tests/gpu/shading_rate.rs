@@ -134,6 +134,24 @@ fn parts_of_images_take_light_as_the_whole() {
     });
 }
 
+/// What a pass leaves in buffers must not show in the next one.
+#[test]
+fn a_pass_does_not_depend_on_those_before() {
+    gpu_test(|ctx| {
+        let scene = gallery();
+        let camera = Camera { resolution: [61, 47], ..scene.camera.unwrap() };
+        let settings = Settings { particles: 4, shading_rate: HALF, glossy_paths: false, ..Settings::default() };
+        let film = |first: u32| {
+            let mut renderer = renderer(ctx, &scene, camera, &settings);
+            (0..first).for_each(|_| renderer.pass().unwrap());
+            renderer.engine_mut().restart();
+            (0..2).for_each(|_| renderer.pass().unwrap());
+            renderer.layers().unwrap().color
+        };
+        assert!(film(0) == film(3));
+    });
+}
+
 #[test]
 fn it_goes_with_other_settings_or_has_no_effect() {
     gpu_test(|ctx| {

@@ -57,9 +57,10 @@ pub fn upsampling_follows_its_oracle(bench: &Bench) {
         let hits: Vec<[u32; 2]> = rig.get(&guides.first_hits);
         let [kd, wo, before] = [&points.kd, &points.wo, &points.emitted].map(|b| rig.vec4s(b));
         let lighting = &stage.lighting;
-        rig.prefill(&[&lighting.direct, &lighting.indirect]);
+        rig.prefill(&[&lighting.direct, &lighting.indirect, &lighting.specular]);
         rig.run(|_, rec| stage.first_hits.record(rec));
-        let [after, direct, indirect] = [&points.emitted, &lighting.direct, &lighting.indirect].map(|b| rig.vec4s(b));
+        let [after, direct, indirect, specular] =
+            [&points.emitted, &lighting.direct, &lighting.indirect, &lighting.specular].map(|b| rig.vec4s(b));
         assert_eq!(rig.lost(), 0);
 
         let frame = &rig.parameters;
@@ -69,6 +70,7 @@ pub fn upsampling_follows_its_oracle(bench: &Bench) {
             let ray = camera_rays::reference(frame, i as u32);
             let hit = hit_of(ray_hits[i]);
             tally.check_hit(&rig, &ray, hit, || format!("pixel {i}: {ray:?}"));
+            tally.check(specular[i].truncate() == Vec3::ZERO, || format!("pixel {i}: highlight {}", specular[i]));
             let found = [direct[i], indirect[i], after[i] - before[i]].map(Vec4::truncate);
             let Some(first) = shown(&rig, frame, i as u32, hits[i]) else {
                 bare += 1;
