@@ -115,13 +115,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             rank = select(rank, r, better);
         }
         let lent = lent_by(chosen, emits);
-        // What is not diffuse shows the radiance that a lit point sends, be that diffuse or not.
+        // Other surfaces take the whole radiance of a lit point.
         let whole = emitted[chosen].xyz + throughput[chosen].xyz * reflected_radiance(point_kd[chosen].xyz, lighting_of(chosen));
         let zero = vec3<f32>(0.0);
         let l = select(select(select(whole, zero, emits), zero, rank == 2u), lent.l, rank == 3u);
         light = Lent(select(zero, lent.e_direct, rank > 1u), select(zero, lent.e_indirect, rank > 1u), l);
     }
-    // What a path of its own sees through mirrors and glass has its light from upsample_paths.
+    // upsample_paths lights pixels whose paths passed mirrors or glass.
     let l = select(vec3<f32>(0.0), light.l, own.found && !has_flag(pixel_wo[pixel].w, SEEN_BY_SPECULAR));
     pixel_emitted[pixel] += vec4<f32>(l, 0.0);
     pixel_direct[pixel] = vec4<f32>(light.e_direct, 0.0);

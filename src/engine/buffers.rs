@@ -53,7 +53,7 @@ pub struct PassBuffers<'a> {
 }
 
 /// Virtual lights of a pass: those of class c of pixels are `lights[c * of_class .. (c + 1) * of_class]`. A pixel at (x, y) has the class
-/// x mod w + w (y mod h), with w and h of [`crate::Settings::pattern`]; each class alone gives the whole light of the scene, so that a host
+/// x mod w + w (y mod h), with w and h of [`crate::Settings::pattern`] (at a shading rate of 2 x and y are halved first); each class alone gives the whole light of the scene, so that a host
 /// may take one of them or all, divided by their number. Slots without a light send nothing.
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -113,7 +113,7 @@ impl FrameParameters {
         let [width, height] = [0, 1].map(|axis| self.size[axis].div_ceil(rate));
         let [x, y, whole_width, whole_height] = self.within;
         let whole = [whole_width, whole_height].map(|n| n.div_ceil(rate));
-        // What the whole image covers, in sizes of the finer one.
+        // The coarse image covers this many widths and heights of the fine one.
         let [across, down] = [0, 1].map(|axis| (rate * whole[axis]) as f32 / [whole_width, whole_height][axis] as f32);
         let scaled = |v: [f32; 4], by: f32| [v[0] * by, v[1] * by, v[2] * by, v[3]];
         let [shift_x, shift_y, parallel, fade] = self.shift;

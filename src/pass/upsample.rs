@@ -8,7 +8,7 @@
 //! L = L_e + kd / pi (E_direct + E_indirect) + L_s        E and L_s: means over the four with weights (1 - |x - x_i|)(1 - |y - y_i|)
 //! ```
 //!
-//! What the pixel's own path sees through mirrors and glass is lit by [`upsample_paths`](super::upsample_paths). Where paths follow lobes, planes mirror the room, or one of two components is
+//! [`upsample_paths`](super::upsample_paths) lights points that the pixel's own path meets after mirrors and glass. Where paths follow lobes, planes mirror the room, or one of two components is
 //! chosen, they end at the first hit, and mirrors and glass take the whole radiance of lit points, so that what they show is blurred. Where none of the four shows the surface the nearest of
 //! sixteen that does lends; a diffuse surface that none shows takes the irradiance of the lit point of them that is near in space and faces as it
 //! does, as at [`edges`](super::edges); another surface takes the radiance of the nearest, of its material if one is. An emitter keeps its own
@@ -98,7 +98,7 @@ pub struct LitPoint {
 pub struct Pixel {
     /// Column and row.
     pub at: [u32; 2],
-    /// What its eye ray meets.
+    /// The first hit of its eye ray.
     pub shown: FirstHit,
     /// Whether it reflects diffusely.
     pub diffuse: bool,

@@ -44,18 +44,7 @@ impl EyePlan {
         let [width, height] = lit_size(settings, view);
         let pixels = width * height;
         let View::Camera { camera, .. } = view else {
-            return EyePlan {
-                pixels,
-                steps: 0,
-                components: 1,
-                slots_of_pixel: 1,
-                plain_mirrors: false,
-                mirrors: false,
-                panes: false,
-                curved: false,
-                images: None,
-                lobes: false,
-            };
+            return EyePlan::of_first_hits(pixels);
         };
         let spreads = settings.mirroring_planes() > 0;
         let mirrors = specular.spreads() && spreads;
@@ -78,6 +67,22 @@ impl EyePlan {
         EyePlan { pixels, steps, components, slots_of_pixel, plain_mirrors, mirrors, panes, curved, images, lobes }
     }
 
+    /// Paths that end at the first hit.
+    fn of_first_hits(pixels: u32) -> EyePlan {
+        EyePlan {
+            pixels,
+            steps: 0,
+            components: 1,
+            slots_of_pixel: 1,
+            plain_mirrors: false,
+            mirrors: false,
+            panes: false,
+            curved: false,
+            images: None,
+            lobes: false,
+        }
+    }
+
     /// For pixels that take the light of points which `lit` sees; `None`: all are lit. Where paths follow lobes, or planes mirror the room, or one
     /// component of two is chosen, they end at the first hit.
     pub(super) fn of_pixels(
@@ -91,19 +96,7 @@ impl EyePlan {
         }
         let all = EyePlan::new(&Settings { shading_rate: 1, ..settings.clone() }, specular, view);
         let follows = lit.components == 2 && !lit.lobes && !lit.mirrors && all.slots_of_pixel == lit.slots_of_pixel;
-        let ends = EyePlan {
-            steps: 0,
-            components: 1,
-            slots_of_pixel: 1,
-            plain_mirrors: false,
-            mirrors: false,
-            panes: false,
-            curved: false,
-            images: None,
-            lobes: false,
-            ..all
-        };
-        Some(if follows { all } else { ends })
+        Some(if follows { all } else { EyePlan::of_first_hits(all.pixels) })
     }
 
     /// Slots of all shading points of the eye.

@@ -56,7 +56,7 @@ use crate::pass::unlikely::Unlikely;
 use crate::pass::velocity::Velocity;
 use crate::pass::{EyePathState, Kit, List, Rays, ShadingPoints};
 
-/// What eye rays of pixels see.
+/// Eye rays of pixels, their first hits and shading points.
 #[derive(Clone, Copy)]
 pub struct Seen<'a> {
     /// First hits; `None`: edges keep one ray.

@@ -18,7 +18,7 @@ use crate::plan::Plan;
 pub struct Upsample {
     /// Parameters of the pixels.
     pub parameters: Buffer,
-    /// What they show.
+    /// Finds their shading points.
     pub eye: Eye,
     /// The light that lit points lend. Where a pixel shows its first hit, radiance of lobes is in its emission.
     pub lighting: Lighting,

@@ -97,7 +97,7 @@ fn albedo_normals_and_depth_are_those_of_every_pixel() {
         let (whole, half) = (image(1), image(HALF));
         assert!((&whole.albedo, &whole.normal, &whole.depth) == (&half.albedo, &half.normal, &half.depth));
         assert!(whole.alpha == half.alpha);
-        // What emits shows its emission alone.
+        // Lamps reflect nothing, so that every pixel has the same emission.
         let lamp = |i: &usize| whole.albedo[*i] == Vec3::ZERO && whole.alpha[*i] == 1.0;
         let lamps: Vec<usize> = (0..whole.color.len()).filter(lamp).collect();
         assert!(lamps.len() > 50 && lamps.iter().all(|&i| whole.color[i] == half.color[i]), "{}", lamps.len());
@@ -134,7 +134,7 @@ fn parts_of_images_take_light_as_the_whole() {
     });
 }
 
-/// What a pass leaves in buffers must not show in the next one.
+/// The contents of buffers before a pass must not change its image.
 #[test]
 fn a_pass_does_not_depend_on_those_before() {
     gpu_test(|ctx| {

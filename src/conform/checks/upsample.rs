@@ -12,7 +12,7 @@ use glam::{Vec3, Vec4};
 
 use crate::conform::rig::{Rig, STRAYS, Tally, close, gallery, has, hit_of, is_lit, orthographic};
 
-/// What an eye ray met, from its guide.
+/// The first hit of an eye ray, from its guide.
 fn shown(rig: &Rig, frame: &FrameParameters, pixel: u32, guide: [u32; 2]) -> Option<FirstHit> {
     let ray = camera_rays::reference(frame, pixel);
     let hit = hit_of(Vec4::new(f32::from_bits(guide[1]), 0.0, 0.0, f32::from_bits(guide[0])))?;
