@@ -8,7 +8,7 @@ use crate::view::View;
 /// Length of eye paths, and the slots that they need.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EyePlan {
-    /// Lit pixels ([`Plan::lit_size`]).
+    /// Lit pixels ([`Plan::lit_size`](super::Plan::lit_size)).
     pub pixels: u32,
     /// Maximum consecutive mirrors and glass surfaces.
     pub steps: u32,
