@@ -26,5 +26,7 @@ fn main() {
     let groups_again = select(all, list, step.indirect != 0u);
     let unfinished = atomicExchange(&work.unfinished, 0u);
     work.round_groups = select(vec4<u32>(0u, 1u, 1u, 0u), groups_again, unfinished > 0u);
+    work.once_if_live = vec4<u32>(min(live, 1u), 1u, 1u, 0u);
+    work.once_if_unfinished = vec4<u32>(min(unfinished, 1u), 1u, 1u, 0u);
     status[0] += select(0u, unfinished, step.last == 1u);
 }

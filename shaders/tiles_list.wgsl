@@ -27,6 +27,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     // The last lane knows the number of listed tiles. One workgroup for each, spread over two dimensions.
     if lane == 63u {
         atomicStore(&work.live, place);
+        work.once_if_live = vec4<u32>(min(place, 1u), 1u, 1u, 0u);
         let x = min(place, 32768u);
         work.list_groups = vec4<u32>(x, select(0u, (place + x - 1u) / max(x, 1u), x > 0u), 1u, 0u);
     }

@@ -9,6 +9,8 @@ struct DispatchCounts {
     list_groups: vec4<u32>,     // indirect dispatch: one invocation for each shading point in the list; w: additional groups
     round_groups: vec4<u32>,    // indirect dispatch: the next round; 0 if no ray needs it
     total_groups: vec4<u32>,    // indirect dispatch: one invocation for each slot
+    once_if_live: vec4<u32>,    // indirect dispatch: one group if the list has shading points
+    once_if_unfinished: vec4<u32>,  // indirect dispatch: one group if a next round is needed
 }
 
 // A place of a list that holds no shading point.

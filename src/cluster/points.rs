@@ -23,6 +23,8 @@ use crate::view::{Region, Task};
 
 /// Arrays of [`Frame::more_buffers`] that matter only where the first is not 0; the others matter for all pixels.
 const OF_REFLECTORS: std::ops::Range<usize> = 1..4;
+/// The first array of [`Frame::more_buffers`] of near light that spreads.
+const NEAR: usize = 5;
 /// Arrays of [`Frame::more_buffers`] that are 0 at most pixels.
 const CAUSTICS: std::ops::Range<usize> = 9..11;
 
@@ -53,6 +55,11 @@ impl Shape {
             arrays: [by_slot.len(), by_pixel.len()],
             more: std::array::from_fn(|i| if more[i].is_some() { MORE_WORDS[i] } else { 0 }),
         }
+    }
+
+    /// Whether near light spreads over pixels of other classes.
+    fn spreads_near_light(&self) -> bool {
+        self.more[NEAR] > 0
     }
 
     /// Words that a pixel has in further arrays.

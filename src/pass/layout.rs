@@ -177,6 +177,10 @@ pub struct DispatchCounts {
     pub round_groups: [u32; 4],
     /// Groups for one invocation a slot.
     pub total_groups: [u32; 4],
+    /// One group if the list has shading points.
+    pub once_if_live: [u32; 4],
+    /// One group if a next round is needed.
+    pub once_if_unfinished: [u32; 4],
 }
 
 impl DispatchCounts {
@@ -188,7 +192,13 @@ impl DispatchCounts {
     /// One workgroup for each of so many listed tiles, as [`super::tiles`] spreads them over two dimensions.
     pub fn of_tiles(live: u32) -> DispatchCounts {
         let x = live.min(32768);
-        DispatchCounts { live, list_groups: [x, live.div_ceil(x.max(1)), 1, 0], ..DispatchCounts::default() }
+        let once_if_live = [live.min(1), 1, 1, 0];
+        DispatchCounts {
+            live,
+            list_groups: [x, live.div_ceil(x.max(1)), 1, 0],
+            once_if_live,
+            ..DispatchCounts::default()
+        }
     }
 }
 

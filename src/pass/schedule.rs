@@ -3,7 +3,8 @@
 //! After a list is filled: groups for one invocation a shading point, and for clusters the groups more that
 //! [`DispatchCounts::list_groups`] has in w, since no cluster mixes classes. After a round of traversal: the same groups again if any ray
 //! ran out of steps, else none. Rays left unfinished by the last round are added to `status[0]`.
-//! Cost: one invocation.
+//! Cost: one invocation. A driver that computes on the processor takes as long as 30 microseconds to start it and to wait for it, so it is itself dispatched
+//! indirectly where nothing can have changed without work before it.
 
 use super::layout::{DispatchCounts, Step};
 use super::{BoundKernel, Kit, push};
@@ -18,20 +19,39 @@ pub const ROUND_GROUPS: u64 = std::mem::offset_of!(DispatchCounts, round_groups)
 /// Byte offset of [`DispatchCounts::total_groups`].
 pub const TOTAL_GROUPS: u64 = std::mem::offset_of!(DispatchCounts, total_groups) as u64;
 
+/// Byte offset of [`DispatchCounts::once_if_live`].
+pub const ONCE_IF_LIVE: u64 = std::mem::offset_of!(DispatchCounts, once_if_live) as u64;
+/// Byte offset of [`DispatchCounts::once_if_unfinished`].
+pub const ONCE_IF_UNFINISHED: u64 = std::mem::offset_of!(DispatchCounts, once_if_unfinished) as u64;
+
 /// The pass over one [`DispatchCounts`].
 pub struct Schedule {
     kernel: BoundKernel,
+    work: Buffer,
 }
 
 impl Schedule {
     /// Reads and writes `work`, and adds to the frame's status.
     pub fn new(kit: &Kit, work: &Buffer, steps: &Resources) -> Result<Self> {
-        Ok(Schedule { kernel: kit.bind(&shaders::SCHEDULE, &[&Resources::of([("work", work)]), steps])? })
+        let kernel = kit.bind(&shaders::SCHEDULE, &[&Resources::of([("work", work)]), steps])?;
+        Ok(Schedule { kernel, work: work.clone() })
     }
 
     /// Records the pass.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.kernel.run(rec, &push(step), 1)
+    }
+
+    /// Records the pass for a list that kernels over the list with the work `from` fill: it does nothing where that has no shading points, since this one then has
+    /// none either.
+    pub fn record_filled_from(&self, rec: &mut Recorder, step: u32, from: &Buffer) -> Result<()> {
+        self.kernel.run_listed(rec, &push(step), from, ONCE_IF_LIVE)
+    }
+
+    /// Records the pass after round `round` over a list: it does nothing where the round had nothing to do.
+    pub fn record_round(&self, rec: &mut Recorder, step: u32, round: usize) -> Result<()> {
+        let once = if round == 0 { ONCE_IF_LIVE } else { ONCE_IF_UNFINISHED };
+        self.kernel.run_listed(rec, &push(step), &self.work, once)
     }
 }
 
@@ -54,5 +74,16 @@ pub fn reference(work: &DispatchCounts, step: &Step) -> (DispatchCounts, u32) {
     let round_groups = if work.unfinished > 0 { again } else { [0, 1, 1, 0] };
     let lost = if step.last == 1 { work.unfinished } else { 0 };
     let total_groups = groups_of(work.total);
-    (DispatchCounts { unfinished: 0, list_groups, round_groups, total_groups, ..*work }, lost)
+    let once = |count: u32| [count.min(1), 1, 1, 0];
+    let (once_if_live, once_if_unfinished) = (once(work.live), once(work.unfinished));
+    let next = DispatchCounts {
+        unfinished: 0,
+        list_groups,
+        round_groups,
+        total_groups,
+        once_if_live,
+        once_if_unfinished,
+        ..*work
+    };
+    (next, lost)
 }

@@ -160,7 +160,7 @@ impl ShadowRays {
                     _ => &self.single,
                 };
                 kernel.run_listed(rec, &push(step), &self.work, groups)?;
-                self.schedule.record(rec, step)?;
+                self.schedule.record_round(rec, step, round)?;
             }
         }
         Ok(())

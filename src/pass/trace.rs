@@ -109,8 +109,8 @@ impl Trace {
             return self.record(rec, &steps.rounds, None);
         };
         kernel.run(rec, &push(step), u64::from(tiles))?;
-        self.schedule.record(rec, step)?;
-        steps.rounds.iter().try_for_each(|&step| self.record_round(rec, step))
+        self.schedule.record_round(rec, step, 0)?;
+        steps.rounds.iter().zip(1..).try_for_each(|(&step, round)| self.record_round(rec, step, round))
     }
 
     /// Records the rounds over the eye rays, `tiles` of 8 x 8. If `steps.clusters`, the first round is by clusters.
@@ -120,29 +120,28 @@ impl Trace {
         };
         kernel.run(rec, &push(step), u64::from(tiles))?;
         self.schedule.record(rec, step)?;
-        steps.rounds.iter().try_for_each(|&step| self.record_round(rec, step))
+        steps.rounds.iter().zip(1..).try_for_each(|(&step, round)| self.record_round(rec, step, round))
     }
 
     /// Records the rounds over a batch of `count` rays; `None`: the rays of the list.
     pub fn record(&self, rec: &mut Recorder, rounds: &[u32], count: Option<u32>) -> Result<()> {
         for (round, &step) in rounds.iter().enumerate() {
-            match (round, count) {
-                (0, Some(count)) => self.kernel.run(rec, &push(step), groups(count))?,
-                (0, None) => self.kernel.run_listed(rec, &push(step), &self.work, LIST_GROUPS)?,
-                _ => {
-                    self.record_round(rec, step)?;
-                    continue;
+            match count.filter(|_| round == 0) {
+                Some(count) => {
+                    self.kernel.run(rec, &push(step), groups(count))?;
+                    self.schedule.record(rec, step)?;
                 }
+                None => self.record_round(rec, step, round)?,
             }
-            self.schedule.record(rec, step)?;
         }
         Ok(())
     }
 
-    /// Records a round that continues unfinished rays.
-    fn record_round(&self, rec: &mut Recorder, step: u32) -> Result<()> {
-        self.kernel.run_listed(rec, &push(step), &self.work, ROUND_GROUPS)?;
-        self.schedule.record(rec, step)
+    /// Records a round over the rays of the list; later ones than 0 continue unfinished rays.
+    fn record_round(&self, rec: &mut Recorder, step: u32, round: usize) -> Result<()> {
+        let groups = if round == 0 { LIST_GROUPS } else { ROUND_GROUPS };
+        self.kernel.run_listed(rec, &push(step), &self.work, groups)?;
+        self.schedule.record_round(rec, step, round)
     }
 }
 

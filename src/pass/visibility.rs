@@ -172,7 +172,8 @@ impl Visibility {
         let groups = count.div_ceil(64);
         let x = groups.min(32_768);
         let list_groups = [x, groups.div_ceil(x.max(1)), 1, 0];
-        let work = DispatchCounts { live: count, list_groups, ..DispatchCounts::default() };
+        let once_if_live = [count.min(1), 1, 1, 0];
+        let work = DispatchCounts { live: count, list_groups, once_if_live, ..DispatchCounts::default() };
         let frame = FrameParameters { scene: [scene.bvh.node_count(), 0, 0, 0], ..FrameParameters::default() };
 
         let mut table = StepTable::default();

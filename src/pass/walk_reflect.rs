@@ -41,9 +41,9 @@ impl WalkReflect {
         Ok(WalkReflect { kernel: kit.bind_surface(shaders, &[&particles.resources(), &own, steps])? })
     }
 
-    /// Records the pass over at most `particle_count` particles.
-    pub fn record(&self, rec: &mut Recorder, step: u32, particle_count: u32) -> Result<()> {
-        self.kernel.run(rec, &push(step), groups(particle_count))
+    /// Records the pass over at most `count` particles.
+    pub fn record(&self, rec: &mut Recorder, step: u32, count: u32) -> Result<()> {
+        self.kernel.run(rec, &push(step), groups(count))
     }
 }
 

@@ -300,7 +300,8 @@ impl Eye {
             self.record_tiles(rec)?;
         }
         follow.pass.record(rec, follow.step)?;
-        follow.schedule.record(rec, self.list_step)?;
+        let from = step.checked_sub(1).map_or(&self.ideal_tiles, |before| &self.lists[before]);
+        follow.schedule.record_filled_from(rec, self.list_step, &from.work)?;
         follow.trace.record(rec, &self.list_rounds, None)
     }
 

@@ -23,6 +23,8 @@ pub struct LampEdges {
 
 /// Traces rays up to a surface.
 struct Bounce {
+    /// Work of the list that its rays come from.
+    from: Buffer,
     schedule: Schedule,
     trace: Trace,
     step: u32,
@@ -65,10 +67,11 @@ impl LampEdges {
             lists: &lists,
             path_gain,
         };
-        let bounces = lists.iter().zip(turn_steps).map(|(list, step)| {
+        let sources = [&eye.ideal_tiles].into_iter().chain(&lists);
+        let bounces = lists.iter().zip(sources).zip(turn_steps).map(|((list, source), step)| {
             let (schedule, trace) =
                 (Schedule::new(kit, &list.work, &steps)?, Trace::new(kit, &eye.rays, list, &steps)?);
-            Ok(Bounce { schedule, trace, step })
+            Ok(Bounce { from: source.work.clone(), schedule, trace, step })
         });
         Ok(Some(LampEdges {
             pass: lamp_edges::LampEdges::new(kit, &inputs, [plan.eye.pixels, plan.eye.slots()], &steps)?,
@@ -89,7 +92,7 @@ impl Stage for LampEdges {
         self.pass.record_mark(rec)?;
         self.pass.record_rays(rec, self.slots)?;
         for (i, bounce) in self.bounces.iter().enumerate() {
-            bounce.schedule.record(rec, self.list_step)?;
+            bounce.schedule.record_filled_from(rec, self.list_step, &bounce.from)?;
             bounce.trace.record(rec, &self.rounds, None)?;
             self.pass.record_turn(rec, i, bounce.step)?;
         }

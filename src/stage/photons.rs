@@ -149,7 +149,10 @@ impl Photons {
         if step + 1 == self.follow.len() {
             return Ok(());
         }
-        follow.schedule.record(rec, self.list_step)?;
+        match step.checked_sub(1) {
+            None => follow.schedule.record(rec, self.list_step)?,
+            Some(before) => follow.schedule.record_filled_from(rec, self.list_step, &self.lists[before].work)?,
+        }
         follow.trace.record(rec, &self.list_rounds, None)
     }
 

@@ -231,13 +231,17 @@ impl Splats {
 
     /// Records the step after so many bounces. Nothing is traced after the last.
     pub fn record_step(&self, rec: &mut Recorder, bounces: usize) -> Result<()> {
-        let follow = &self.tracing.follow[bounces];
+        let tracing = &self.tracing;
+        let follow = &tracing.follow[bounces];
         follow.pass.record(rec, follow.step, (bounces == 0).then_some(self.plan.batch))?;
-        if bounces + 1 == self.tracing.follow.len() {
+        if bounces + 1 == tracing.follow.len() {
             return Ok(());
         }
-        follow.schedule.record(rec, self.tracing.list_step)?;
-        follow.trace.record(rec, &self.tracing.list_rounds, None)
+        match bounces.checked_sub(1) {
+            None => follow.schedule.record(rec, tracing.list_step)?,
+            Some(before) => follow.schedule.record_filled_from(rec, tracing.list_step, &self.lists[before].work)?,
+        }
+        follow.trace.record(rec, &tracing.list_rounds, None)
     }
 
     /// Records the storing of a batch beside those that are stored.

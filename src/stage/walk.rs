@@ -33,13 +33,14 @@ pub struct Walk {
     reflections: Vec<Reflection>,
     list_step: u32,
     list_rounds: Vec<u32>,
-    particle_count: u32,
     classes: u32,
     slots: u32,
 }
 
 /// A reflection and what comes before it.
 struct Reflection {
+    /// Particles that may make it.
+    count: u32,
     /// Rounds of the rays up to it.
     rounds: Vec<u32>,
     /// Steps through mirrors and glass, each with its number in the table.
@@ -63,7 +64,7 @@ impl Walk {
         let particle_count = plan.particles * classes;
         let mut table = StepTable::default();
         let survivors = &plan.lights.survivors;
-        let reflections: Vec<(Vec<u32>, Vec<u32>, u32)> = (1..survivors.len())
+        let reflections: Vec<(u32, Vec<u32>, Vec<u32>, u32)> = (1..survivors.len())
             .map(|j| {
                 // Ray j starts at every particle that has made j - 1 reflections and survives the next.
                 let (end, steps) = (survivors[j] * classes, plan.trace_steps());
@@ -74,7 +75,7 @@ impl Walk {
                         table.add(Step { bounce: j as u32, indirect: u32::from(i > 0), clears, ..Step::default() })
                     })
                     .collect();
-                (rays, follow, table.add(Step { bounce: j as u32, ..Step::default() }))
+                (end, rays, follow, table.add(Step { bounce: j as u32, ..Step::default() }))
             })
             .collect();
         let list_step = table.add_list();
@@ -96,14 +97,14 @@ impl Walk {
         let particles = Rays::new(kit.context, "particle", particle_count)?;
         let flux = kit.vec4s("particle flux", particle_count)?;
         let batch = batch(kit, "particles")?;
-        let follows = reflections.iter().any(|(_, follow, _)| !follow.is_empty());
+        let follows = reflections.iter().any(|(_, _, follow, _)| !follow.is_empty());
         let media = kit.vec4s("particle media", if follows { particle_count } else { 1 })?;
         // A list is filled while the previous one is still needed, so two buffers alternate.
         let length = if follows { particle_count } else { 1 };
         let turns = [kit.array("particle list 0", length, 4)?, kit.array("particle list 1", length, 4)?];
         let reflections = reflections
             .into_iter()
-            .map(|(rounds, numbers, step)| {
+            .map(|(count, rounds, numbers, step)| {
                 let mut list_in = batch.clone();
                 let mut follow = Vec::new();
                 for (i, number) in numbers.into_iter().enumerate() {
@@ -124,7 +125,7 @@ impl Walk {
                     follow.push((made, number));
                     list_in = list;
                 }
-                Ok(Reflection { rounds, follow, step })
+                Ok(Reflection { count, rounds, follow, step })
             })
             .collect::<Result<Vec<_>>>()?;
         let lists = reflections.iter().flat_map(|r| r.follow.iter().map(|(follow, _)| &follow.list));
@@ -141,7 +142,6 @@ impl Walk {
             flux,
             media,
             keeps: kept.is_some(),
-            particle_count,
             classes,
             slots,
         })
@@ -162,14 +162,15 @@ impl Walk {
     /// Records the j-th reflection, from one vertex to the next; j from 1.
     pub fn record_reflection(&self, rec: &mut Recorder, j: usize) -> Result<()> {
         let Some(reflection) = j.checked_sub(1).and_then(|i| self.reflections.get(i)) else { return Ok(()) };
-        self.trace.record(rec, &reflection.rounds, Some(self.particle_count))?;
+        self.trace.record(rec, &reflection.rounds, Some(reflection.count))?;
         (0..reflection.follow.len()).try_for_each(|step| self.record_follow(rec, j, step))?;
-        self.reflect.record(rec, reflection.step, self.particle_count)
+        self.reflect.record(rec, reflection.step, reflection.count)
     }
 
     /// Records the rays up to the j-th reflection, without mirrors and glass.
     pub fn record_rays(&self, rec: &mut Recorder, j: usize) -> Result<()> {
-        self.trace.record(rec, &self.reflections[j - 1].rounds, Some(self.particle_count))
+        let Reflection { rounds, count, .. } = &self.reflections[j - 1];
+        self.trace.record(rec, rounds, Some(*count))
     }
 
     /// Number of steps through mirrors and glass before the j-th reflection.
@@ -179,15 +180,20 @@ impl Walk {
 
     /// Records one of them, from 0, and the rays after it.
     pub fn record_follow(&self, rec: &mut Recorder, j: usize, step: usize) -> Result<()> {
-        let (follow, number) = &self.reflections[j - 1].follow[step];
-        follow.pass.record(rec, *number, (step == 0).then_some(self.particle_count))?;
-        follow.schedule.record(rec, self.list_step)?;
+        let Reflection { follow: steps, count, .. } = &self.reflections[j - 1];
+        let (follow, number) = &steps[step];
+        follow.pass.record(rec, *number, (step == 0).then_some(*count))?;
+        match step.checked_sub(1) {
+            None => follow.schedule.record(rec, self.list_step)?,
+            Some(before) => follow.schedule.record_filled_from(rec, self.list_step, &steps[before].0.list.work)?,
+        }
         follow.trace.record(rec, &self.list_rounds, None)
     }
 
     /// Records the reflection alone.
     pub fn record_reflect(&self, rec: &mut Recorder, j: usize) -> Result<()> {
-        self.reflect.record(rec, self.reflections[j - 1].step, self.particle_count)
+        let Reflection { step, count, .. } = self.reflections[j - 1];
+        self.reflect.record(rec, step, count)
     }
 }
 

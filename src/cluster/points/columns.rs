@@ -206,9 +206,14 @@ impl Normals {
         Some(Normals([get::<_, 2>(bytes, count)?, get::<_, 2>(bytes, count)?]))
     }
 
+    /// The code of one of them, for [`decode_normal`].
+    pub(super) fn code(&self, i: usize) -> [u16; 2] {
+        [self.0[0][i], self.0[1][i]]
+    }
+
     /// One of them.
     pub(super) fn at(&self, i: usize) -> Vec3 {
-        decode_normal([self.0[0][i], self.0[1][i]])
+        decode_normal(self.code(i))
     }
 }
 

@@ -148,6 +148,8 @@ pub(super) struct Cursor {
     pub(super) next: usize,
     rich: usize,
     off_ray: usize,
+    /// The latest normal with its code: the next point often has the same.
+    normal: ([u16; 2], Vec3),
 }
 
 impl Cursor {
@@ -219,7 +221,7 @@ impl Columns {
         }
         let more = get_more(bytes, shape, pixels)?;
         let steps = Steps::of(parameters.eye[3]);
-        let second = Cursor { next: pixels, rich: rich_pixels, off_ray: off_ray_pixels };
+        let second = Cursor { next: pixels, rich: rich_pixels, off_ray: off_ray_pixels, ..Cursor::default() };
         let columns = Columns {
             parameters,
             steps,
@@ -266,49 +268,62 @@ impl Columns {
         u32::from(self.flags[cursor.next]) & RICH == 0
     }
 
-    /// The point at a cursor, which goes on to the next one; `ray`: of its pixel.
-    pub(super) fn next(&self, cursor: &mut Cursor, ray: impl FnOnce() -> Ray) -> Point {
+    /// Passes on the point at a cursor, which goes on to the next one, array by array; of a plain one not the arrays [`ZERO_IF_PLAIN`].
+    /// `ray`: of its pixel.
+    pub(super) fn put_next(&self, cursor: &mut Cursor, ray: impl FnOnce() -> Ray, mut put: impl FnMut(usize, Vec4)) {
         let i = cursor.next;
         cursor.next += 1;
-        let (flags, distance, normal) = (u32::from(self.flags[i]), decode_depth(self.distances[i]), self.normals.at(i));
-        let mut point = [Vec4::ZERO; ARRAYS];
+        let (flags, distance, code) = (u32::from(self.flags[i]), decode_depth(self.distances[i]), self.normals.code(i));
+        // No normal is 0: the first one is decoded.
+        if cursor.normal.1 == Vec3::ZERO || cursor.normal.0 != code {
+            cursor.normal = (code, decode_normal(code));
+        }
+        let normal = cursor.normal.1;
         let kd = Vec3::from_array(self.kd.each_ref().map(|axis| share(axis[i])));
-        [point[DIRECT], point[INDIRECT]] = self.light.each_ref().map(|light| light.at(i).extend(0.0));
+        put(DIRECT, self.light[0].at(i).extend(0.0));
+        put(INDIRECT, self.light[1].at(i).extend(0.0));
         if flags & RICH == 0 {
-            point[KD] = kd.extend(1.0);
-            (point[GEOMETRIC], point[SHADING]) = (normal.extend(0.0), normal.extend(0.0));
-            self.put_on_ray(&mut point, flags, &ray(), distance, normal);
-            return point;
+            put(KD, kd.extend(1.0));
+            put(GEOMETRIC, normal.extend(0.0));
+            put(SHADING, normal.extend(0.0));
+            self.put_on_ray(flags, &ray(), (distance, normal), put);
+            return;
         }
         let k = cursor.rich;
         cursor.rich += 1;
         let high = u32::from(self.high[k]);
         let [f90, alpha, diffuse, of_path] = self.words.each_ref().map(|words| f32::from_bits(words[k]));
-        point[GEOMETRIC] = normal.extend(f90);
-        point[SHADING] = self.shading.at(k).extend(alpha);
-        point[KD] = kd.extend(diffuse);
-        point[F0] = Vec3::from_array(self.f0.each_ref().map(|axis| share(axis[k]))).extend(0.0);
-        point[EMITTED] = self.shown[0].at(k).extend(of_path);
-        point[SPECULAR] = self.shown[1].at(k).extend(0.0);
+        put(GEOMETRIC, normal.extend(f90));
+        put(SHADING, self.shading.at(k).extend(alpha));
+        put(KD, kd.extend(diffuse));
+        put(F0, Vec3::from_array(self.f0.each_ref().map(|axis| share(axis[k]))).extend(0.0));
+        put(EMITTED, self.shown[0].at(k).extend(of_path));
+        put(SPECULAR, self.shown[1].at(k).extend(0.0));
         let flags = flags & PLAIN_FLAGS | (high & !OFF_RAY) << 7;
         if high & OFF_RAY == 0 {
-            self.put_on_ray(&mut point, flags, &ray(), distance, normal);
-            return point;
+            self.put_on_ray(flags, &ray(), (distance, normal), put);
+            return;
         }
         let m = cursor.off_ray;
         cursor.off_ray += 1;
-        point[POSITION] =
-            Vec3::from_array(self.places.each_ref().map(|axis| self.steps.decode(axis[m]))).extend(distance);
-        point[WO] = self.wo.at(m).extend(ShadingPoints::word(flags));
-        point[THROUGHPUT] = self.throughput.at(m).extend(decode_depth(self.depths[m]));
-        point
+        let place = Vec3::from_array(self.places.each_ref().map(|axis| self.steps.decode(axis[m])));
+        put(POSITION, place.extend(distance));
+        put(WO, self.wo.at(m).extend(ShadingPoints::word(flags)));
+        put(THROUGHPUT, self.throughput.at(m).extend(decode_depth(self.depths[m])));
     }
 
-    fn put_on_ray(&self, point: &mut Point, flags: u32, ray: &Ray, distance: f32, normal: Vec3) {
+    fn put_on_ray(&self, flags: u32, ray: &Ray, (distance, normal): (f32, Vec3), mut put: impl FnMut(usize, Vec4)) {
         let (position, wo, depth) = on_ray(&self.parameters, ray, distance, normal);
-        point[POSITION] = position;
-        point[WO] = wo.extend(ShadingPoints::word(flags));
-        point[THROUGHPUT] = Vec3::ONE.extend(depth);
+        put(POSITION, position);
+        put(WO, wo.extend(ShadingPoints::word(flags)));
+        put(THROUGHPUT, Vec3::ONE.extend(depth));
+    }
+
+    /// The point at a cursor, as [`Columns::put_next`] tells it.
+    fn next(&self, cursor: &mut Cursor, ray: impl FnOnce() -> Ray) -> Point {
+        let mut point = [Vec4::ZERO; ARRAYS];
+        self.put_next(cursor, ray, |array, value| point[array] = value);
+        point
     }
 }
 

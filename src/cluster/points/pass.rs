@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use glam::Vec4;
+
 use super::packing::{ARRAYS, Columns, Cursor, Packed, WO, ZERO_IF_PLAIN};
 use super::{Listed, Shape, TaskPoints, strange};
 use crate::error::{Error, Result};
@@ -40,7 +42,7 @@ pub struct PassPoints {
     buffers: [Vec<Buffer>; 3],
     /// Rows of each array that they have for this pass, component by component; the others are zeros, or nobody's. `None`: the points are not written yet.
     written: Option<Vec<Vec<Range<u32>>>>,
-    /// Slots that light reaches, once the points are written.
+    /// Slots that light reaches, once the points are written, where near light spreads.
     lit: Vec<u32>,
 }
 
@@ -163,7 +165,7 @@ impl PassPoints {
         {
             staging.copy(from, (to, at), 0..4 * words as u64 * pixels)?;
         }
-        if frame.near_light.as_ref().is_some_and(|near| !near.means().is_empty()) {
+        if self.shape.spreads_near_light() {
             staging.stage_into(context, &frame.eye.list.entries, 0, &self.lit)?;
             let groups = (self.lit.len() as u32).div_ceil(64);
             let counts = DispatchCounts { live: self.lit.len() as u32, ..DispatchCounts::of_tiles(groups) };
@@ -196,6 +198,10 @@ impl PassPoints {
         };
         for y in 0..height {
             let has_second = listed.is_met_by(y);
+            if !rows.plain {
+                // Plain points leave these zeros as they are.
+                ZERO_IF_PLAIN.into_iter().for_each(|array| rows.values[array].fill([0; 4]));
+            }
             if has_second {
                 rows.values[ARRAYS..].iter_mut().for_each(|row| row.fill([0; 4]));
             }
@@ -213,7 +219,8 @@ impl PassPoints {
                     extend(&mut filled[i], y);
                 }
             }
-            for component in 0..if has_second { components } else { 1 } {
+            let lit_components = if self.shape.spreads_near_light() { components } else { 0 };
+            for component in 0..if has_second { lit_components } else { lit_components.min(1) } {
                 let first = (component * self.shape.pixels()) as u32 + y * width;
                 let row = &rows.values[component * ARRAYS + WO];
                 let is_lit =
@@ -304,9 +311,8 @@ impl Walker<'_> {
             Form::Columns(columns) => {
                 let ray = camera_rays::row(&columns.parameters, y);
                 let write = |rows: &mut [Vec<[u32; 4]>], x: u32, cursor: &mut Cursor| {
-                    let point = columns.next(cursor, || ray(x));
-                    let values = point.iter().map(|value| value.to_array().map(f32::to_bits));
-                    rows.iter_mut().zip(values).for_each(|(row, value)| row[x as usize] = value);
+                    let set = |array: usize, value: Vec4| rows[array][x as usize] = bytemuck::cast(value.to_array());
+                    columns.put_next(cursor, || ray(x), set);
                 };
                 for x in shape.row(task, y) {
                     for (array, row) in rows.hits.iter_mut().enumerate() {
