@@ -77,36 +77,53 @@ fn run(folder: &Path, arguments: &str, faults: &[(usize, i32)]) -> Run {
     run_command(command(folder, arguments), faults)
 }
 
+/// The layer's variables: what fails and where it writes its log.
+pub fn variables(faults: &[(usize, i32)], log: &Path) -> [(&'static str, String); 4] {
+    let faults: Vec<String> = faults.iter().map(|(call, result)| format!("{call}:{result}")).collect();
+    [
+        ("VK_LAYER_PATH", layer().display().to_string()),
+        ("VK_INSTANCE_LAYERS", String::from("VK_LAYER_LIGHTSUM_fault")),
+        ("LIGHTSUM_FAULT", faults.join(",")),
+        ("LIGHTSUM_FAULT_LOG", log.display().to_string()),
+    ]
+}
+
 /// Likewise for a command that is set up already.
 pub fn run_command(mut command: Command, faults: &[(usize, i32)]) -> Run {
     let log = tempfile::NamedTempFile::new().unwrap();
-    command
-        .env("XDG_CACHE_HOME", cache())
-        .env("VK_LAYER_PATH", layer())
-        .env("VK_INSTANCE_LAYERS", "VK_LAYER_LIGHTSUM_fault");
-    let faults: Vec<String> = faults.iter().map(|(call, result)| format!("{call}:{result}")).collect();
-    command.env("LIGHTSUM_FAULT", faults.join(",")).env("LIGHTSUM_FAULT_LOG", log.path());
+    command.env("XDG_CACHE_HOME", cache()).envs(variables(faults, log.path()));
     let output = command.output().unwrap();
-    let mut run = Run { output, calls: Vec::new(), failed: Vec::new(), left: BTreeMap::new() };
-    for line in fs::read_to_string(log.path()).unwrap().lines() {
-        let (what, rest) = line.split_once(' ').unwrap();
-        match what {
-            "made" => *run.left.entry(rest.to_owned()).or_default() += 1,
-            "gone" => *run.left.entry(rest.to_owned()).or_default() -= 1,
-            _ => {
-                let name = rest.split_once(' ').unwrap().1.to_owned();
-                run.calls.push(name.clone());
-                if what == "fail" {
-                    run.failed.push(name);
-                }
-            }
-        }
-    }
-    assert!(!run.calls.is_empty(), "the layer was not loaded: {}", text(&run.output.stderr));
-    run
+    Run::new(output, log.path())
 }
 
 impl Run {
+    /// From what the program said and what the layer has written.
+    pub fn new(output: Output, log: &Path) -> Run {
+        let mut run = Run { output, calls: Vec::new(), failed: Vec::new(), left: BTreeMap::new() };
+        for line in fs::read_to_string(log).unwrap().lines() {
+            let (what, rest) = line.split_once(' ').unwrap();
+            match what {
+                "made" => *run.left.entry(rest.to_owned()).or_default() += 1,
+                "gone" => *run.left.entry(rest.to_owned()).or_default() -= 1,
+                _ => {
+                    let name = rest.split_once(' ').unwrap().1.to_owned();
+                    run.calls.push(name.clone());
+                    if what == "fail" {
+                        run.failed.push(name);
+                    }
+                }
+            }
+        }
+        assert!(!run.calls.is_empty(), "the layer was not loaded: {}", text(&run.output.stderr));
+        run
+    }
+
+    /// Numbers of the calls that submit work.
+    pub fn submissions(&self) -> Vec<usize> {
+        let numbered = (1..).zip(&self.calls);
+        numbered.filter(|(_, name)| name.starts_with("vkQueueSubmit")).map(|(number, _)| number).collect()
+    }
+
     /// Fails unless the run ended in order; returns whether it was successful.
     #[track_caller]
     fn ended_in_order(&self, what: &str) -> bool {

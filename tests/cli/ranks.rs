@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 use lightsum::output::FilmFile;
 
+#[cfg(all(feature = "viewer", target_os = "linux"))]
+use crate::faults::{self, DEVICE_LOST, Run};
 use crate::render::{SCENE, cache, command, contents, folder, kill, succeeds, text};
 #[cfg(feature = "viewer")]
 use crate::view::{self, Display};
@@ -459,4 +461,59 @@ quit
     assert!(f64::from(sum) < 0.5 * f64::from(count), "{sum} levels over {count} values");
     let output = mpirun(folder.path(), 2, "view").output().unwrap();
     assert!(!output.status.success() && text(&output.stderr).contains("SCENE"), "{}", text(&output.stderr));
+}
+
+/// A rank whose device is lost is left out, and others shade its points; after the last one rank 0 goes on alone. Ranks may read files of their own.
+#[test]
+#[cfg(all(feature = "viewer", target_os = "linux"))]
+fn a_window_goes_on_when_ranks_are_lost() {
+    let (display, folder, elsewhere) = (Display::open(), view::folder(), view::folder());
+    let flags = "--particles 4 --max-depth 3 --traversal single --preset interactive";
+    let show = |name: &str, mut command: Command| {
+        let script = format!("window 96x72\npanel off\npasses 6\nscreenshot {name}.exr\nquit\n");
+        fs::write(folder.path().join("script.txt"), script).unwrap();
+        command.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").env("WINIT_X11_SCALE_FACTOR", "1");
+        command.output().unwrap()
+    };
+    let image = |name: &str| fs::read(folder.path().join(format!("{name}.exr"))).unwrap();
+    let line = format!("view scene.toml --script script.txt {flags}");
+    assert!(show("one", command(folder.path(), &line)).status.success());
+    let line = format!("{line} --cluster-tasks tiles --local-scene");
+
+    // Ranks of which the last one runs under the layer of faults.
+    let ranks = |name: &str, sound: usize, faults: &[(usize, i32)]| {
+        let log = tempfile::NamedTempFile::new().unwrap();
+        let mut command = mpirun(folder.path(), sound, &line);
+        command.args([":", "-n", "1"]);
+        for (variable, value) in faults::variables(faults, log.path()) {
+            command.args(["-x", &format!("{variable}={value}")]);
+        }
+        command.arg(env!("CARGO_BIN_EXE_lightsum")).args(line.split_whitespace());
+        let run = Run::new(show(name, command), log.path());
+        let said = text(&run.output.stderr);
+        assert!(run.output.status.success() && !said.contains("panicked"), "{said}");
+        assert!(image(name) == image("one"), "{name} differs: {said}");
+        (run, said)
+    };
+    let (whole, said) = ranks("all", 1, &[]);
+    assert!(!said.contains("lost"), "{said}");
+    let submissions = whole.submissions();
+    assert!(submissions.len() > 30, "{submissions:?}");
+    // The first submissions are uploads; each task has one.
+    let lost = [(submissions[11], DEVICE_LOST)];
+    let (_, said) = ranks("some", 2, &lost);
+    assert!(said.contains("rank 2 on") && said.contains("others shade its points"), "{said}");
+    assert!(!said.contains("goes on alone"), "{said}");
+    let (_, said) = ranks("none", 1, &lost);
+    assert!(said.contains("the device was lost") && said.contains("rank 0 goes on alone"), "{said}");
+
+    // A rank whose files are others is refused.
+    let scene = fs::read_to_string(folder.path().join("scene.toml")).unwrap();
+    fs::write(elsewhere.path().join("scene.toml"), scene.replace("fov_y = 30.0", "fov_y = 31.0")).unwrap();
+    let mut other = mpirun(folder.path(), 1, &line);
+    other.args([":", "-n", "1", "-wdir"]).arg(elsewhere.path());
+    other.arg(env!("CARGO_BIN_EXE_lightsum")).args(line.split_whitespace());
+    let output = show("other", other);
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains("error: rank 1 on") && said.contains("--local-scene"), "{said}");
 }

@@ -287,11 +287,7 @@ fn a_window_whose_device_is_lost_ends_in_order() {
     let whole = run_command(view(), &[]);
     assert!(whole.output.status.success(), "{}", text(&whole.output.stderr));
     // The first submissions are uploads and the first frames.
-    let submissions: Vec<usize> = (1..)
-        .zip(&whole.calls)
-        .filter(|(_, name)| name.starts_with("vkQueueSubmit"))
-        .map(|(number, _)| number)
-        .collect();
+    let submissions = whole.submissions();
     assert!(submissions.len() > 20, "{submissions:?}");
     let lost = run_command(view(), &[(submissions[12], DEVICE_LOST)]);
     let (told, said) = (text(&lost.output.stdout), text(&lost.output.stderr));
