@@ -70,15 +70,16 @@ pub struct ShadowRays {
 const NO_LIGHT_LEFT: u32 = u32::MAX;
 
 /// Rounds of clusters before the single rays continue. In each a cluster finishes at least one light, unless its budget
-/// is too small even for that.
-const CLUSTER_ROUNDS: u32 = 4;
+/// is too small even for that. Enough for the clusters across silhouettes of detailed rooms: with half of them single rays took an eighth of the time of clusters
+/// in a room of 414,841 triangles, with eight a thousandth.
+const CLUSTER_ROUNDS: u32 = 8;
 
 /// Maximum number of lights of a chunk for clusters: they keep a mask of them in 32 bits.
 const CLUSTER_LIGHTS: u32 = 32;
 
 /// Steps of a chunk of lights.
 pub struct Chunk {
-    /// Its rounds. If `clusters`, the first four are taken by clusters; what they leave continues ray by ray.
+    /// Its rounds. If `clusters`, the first eight are taken by clusters; what they leave continues ray by ray.
     pub rounds: Vec<u32>,
     /// Whether all its lights have a position, so that clusters can take them.
     pub clusters: bool,
