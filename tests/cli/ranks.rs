@@ -470,7 +470,7 @@ fn a_window_goes_on_when_ranks_are_lost() {
     let (display, folder, elsewhere) = (Display::open(), view::folder(), view::folder());
     let flags = "--particles 4 --max-depth 3 --traversal single --preset interactive";
     let show = |name: &str, mut command: Command| {
-        let script = format!("window 96x72\npanel off\npasses 6\nscreenshot {name}.exr\nquit\n");
+        let script = format!("window 96x72\npanel off\npasses 12\nscreenshot {name}.exr\nquit\n");
         fs::write(folder.path().join("script.txt"), script).unwrap();
         command.env("DISPLAY", &display.name).env_remove("WAYLAND_DISPLAY").env("WINIT_X11_SCALE_FACTOR", "1");
         command.output().unwrap()
