@@ -42,7 +42,7 @@ impl PhotonFind {
     /// Records the pass; `step` is that of a newly filled list.
     pub fn record(&self, rec: &mut Recorder, step: u32) -> Result<()> {
         self.kernel.run_listed(rec, &[], &self.work, LIST_GROUPS)?;
-        self.schedule.record_filled_from(rec, step, &self.work)
+        self.schedule.record_filled_from(rec, step, Some(&self.work))
     }
 }
 

@@ -43,9 +43,12 @@ impl Schedule {
     }
 
     /// Records the pass for a list that kernels over the list with the work `from` fill: it does nothing where that has no shading points, since this one then has
-    /// none either.
-    pub fn record_filled_from(&self, rec: &mut Recorder, step: u32, from: &Buffer) -> Result<()> {
-        self.kernel.run_listed(rec, &push(step), from, ONCE_IF_LIVE)
+    /// none either. `None`: they take no list.
+    pub fn record_filled_from(&self, rec: &mut Recorder, step: u32, from: Option<&Buffer>) -> Result<()> {
+        match from {
+            None => self.record(rec, step),
+            Some(from) => self.kernel.run_listed(rec, &push(step), from, ONCE_IF_LIVE),
+        }
     }
 
     /// Records the pass after round `round` over a list: it does nothing where the round had nothing to do.

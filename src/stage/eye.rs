@@ -301,7 +301,7 @@ impl Eye {
         }
         follow.pass.record(rec, follow.step)?;
         let from = step.checked_sub(1).map_or(&self.ideal_tiles, |before| &self.lists[before]);
-        follow.schedule.record_filled_from(rec, self.list_step, &from.work)?;
+        follow.schedule.record_filled_from(rec, self.list_step, Some(&from.work))?;
         follow.trace.record(rec, &self.list_rounds, None)
     }
 

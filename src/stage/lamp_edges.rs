@@ -92,7 +92,7 @@ impl Stage for LampEdges {
         self.pass.record_mark(rec)?;
         self.pass.record_rays(rec, self.slots)?;
         for (i, bounce) in self.bounces.iter().enumerate() {
-            bounce.schedule.record_filled_from(rec, self.list_step, &bounce.from)?;
+            bounce.schedule.record_filled_from(rec, self.list_step, Some(&bounce.from))?;
             bounce.trace.record(rec, &self.rounds, None)?;
             self.pass.record_turn(rec, i, bounce.step)?;
         }

@@ -149,10 +149,8 @@ impl Photons {
         if step + 1 == self.follow.len() {
             return Ok(());
         }
-        match step.checked_sub(1) {
-            None => follow.schedule.record(rec, self.list_step)?,
-            Some(before) => follow.schedule.record_filled_from(rec, self.list_step, &self.lists[before].work)?,
-        }
+        let from = step.checked_sub(1).map(|before| &self.lists[before].work);
+        follow.schedule.record_filled_from(rec, self.list_step, from)?;
         follow.trace.record(rec, &self.list_rounds, None)
     }
 

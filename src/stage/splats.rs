@@ -237,10 +237,8 @@ impl Splats {
         if bounces + 1 == tracing.follow.len() {
             return Ok(());
         }
-        match bounces.checked_sub(1) {
-            None => follow.schedule.record(rec, tracing.list_step)?,
-            Some(before) => follow.schedule.record_filled_from(rec, tracing.list_step, &self.lists[before].work)?,
-        }
+        let from = bounces.checked_sub(1).map(|before| &self.lists[before].work);
+        follow.schedule.record_filled_from(rec, tracing.list_step, from)?;
         follow.trace.record(rec, &tracing.list_rounds, None)
     }
 

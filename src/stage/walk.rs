@@ -183,10 +183,8 @@ impl Walk {
         let Reflection { follow: steps, count, .. } = &self.reflections[j - 1];
         let (follow, number) = &steps[step];
         follow.pass.record(rec, *number, (step == 0).then_some(*count))?;
-        match step.checked_sub(1) {
-            None => follow.schedule.record(rec, self.list_step)?,
-            Some(before) => follow.schedule.record_filled_from(rec, self.list_step, &steps[before].0.list.work)?,
-        }
+        let from = step.checked_sub(1).map(|before| &steps[before].0.list.work);
+        follow.schedule.record_filled_from(rec, self.list_step, from)?;
         follow.trace.record(rec, &self.list_rounds, None)
     }
 

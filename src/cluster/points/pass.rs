@@ -219,8 +219,12 @@ impl PassPoints {
                     extend(&mut filled[i], y);
                 }
             }
-            let lit_components = if self.shape.spreads_near_light() { components } else { 0 };
-            for component in 0..if has_second { lit_components } else { lit_components.min(1) } {
+            let lit_components = match (self.shape.spreads_near_light(), has_second) {
+                (false, _) => 0,
+                (true, false) => 1,
+                (true, true) => components,
+            };
+            for component in 0..lit_components {
                 let first = (component * self.shape.pixels()) as u32 + y * width;
                 let row = &rows.values[component * ARRAYS + WO];
                 let is_lit =
