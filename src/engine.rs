@@ -47,6 +47,7 @@ use std::sync::Arc;
 use crate::accel::Bvh;
 use crate::accel::objects::ObjectTrees;
 use crate::cluster::PassPoints;
+use crate::cluster::points::Taken;
 use crate::device_scene::DeviceScene;
 use crate::error::{Error, Result};
 use crate::film::Film;
@@ -68,7 +69,7 @@ pub(crate) enum Part<'a> {
     /// The shading of the pixels of a task. Nothing is added to the film.
     Points(&'a Task),
     /// The rest, with shaded points from elsewhere.
-    Rest(&'a Staging),
+    Rest(&'a Taken<'a>),
 }
 
 /// Renders a scene on a device.
@@ -217,8 +218,8 @@ impl Engine {
     pub fn record_pass_from(&mut self, rec: &mut Recorder, points: &mut PassPoints) -> Result<()> {
         self.apply_edits()?;
         self.plan.view.check_tasks(&self.plan.settings)?;
-        let staging = points.stage(&self.context, &self.frame)?;
-        self.record_part(rec, &Part::Rest(&staging))
+        let taken = points.stage(&self.context, &self.frame)?;
+        self.record_part(rec, &Part::Rest(&taken))
     }
 
     /// [`Engine::record_pass`] for a part of it.

@@ -3,6 +3,7 @@
 //! [`Frame::record`] is one pass of the renderer, read from top to bottom; [`Frame::new`] makes the stages in the same
 //! order.
 
+use crate::cluster::points::Taken;
 use crate::device_scene::DeviceScene;
 use crate::error::Result;
 use crate::film::Film;
@@ -28,6 +29,7 @@ use crate::pass::sparse_windows::SparseWindows;
 use crate::pass::summands::Summands;
 use crate::pass::third_light::ThirdLight;
 use crate::pass::unlikely::Unlikely;
+use crate::pass::unpack_points;
 use crate::pass::velocity::Velocity;
 use crate::pass::{Kit, List};
 use crate::plan::Plan;
@@ -459,11 +461,11 @@ impl Frame {
     }
 
     /// Records a pass whose shaded points are uploaded.
-    pub fn record_taken(
+    pub(crate) fn record_taken(
         &self,
         rec: &mut Recorder,
         parameters: &layout::FrameParameters,
-        points: &Staging,
+        points: &Taken,
     ) -> Result<()> {
         self.record_start(rec, parameters)?;
         if self.glossy_planes.is_none() {
@@ -493,6 +495,18 @@ impl Frame {
         let guides = self.eye.guides.iter();
         let by_pixel = guides.flat_map(|guides| [&guides.first_hits].into_iter().chain(&guides.second_hits)).collect();
         [by_slot, by_pixel]
+    }
+
+    /// Where packed points are unpacked to.
+    pub(crate) fn unpacked<'a>(&'a self, packed: &'a Buffer) -> unpack_points::Inputs<'a> {
+        let guides = self.eye.guides.as_ref();
+        unpack_points::Inputs {
+            packed,
+            points: &self.eye.points,
+            paths: &self.eye.paths,
+            lighting: &self.shade.lighting,
+            hits: [guides.map(|guides| &guides.first_hits), guides.and_then(|guides| guides.second_hits.as_ref())],
+        }
     }
 
     /// More of the shaded points, of which each pixel has [`MORE_WORDS`]: the reflector that it shows, where that is not 0 what spreads its mirror image

@@ -11,8 +11,10 @@
 mod columns;
 pub mod packing;
 mod pass;
+mod words;
 
 pub use pass::PassPoints;
+pub(crate) use pass::Taken;
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
@@ -72,7 +74,7 @@ impl Shape {
     }
 
     /// Columns of the pixels of a task in a row.
-    fn row(&self, task: &Task, y: u32) -> impl Iterator<Item = u32> + use<> {
+    fn row(&self, task: &Task, y: u32) -> impl ExactSizeIterator<Item = u32> + use<> {
         let ([across, down], Region { origin: [left, top], size: [width, height] }) = (self.pattern, task.region);
         let inside = y >= top && y - top < height;
         let (first, step, has) = match task.class {
@@ -98,8 +100,10 @@ impl Shape {
 
     /// Numbers of pixels of a task, and of their second components.
     fn counts(&self, task: &Task, listed: &Listed) -> [usize; 2] {
-        let pixels = self.pixels_of(task).count();
-        [pixels, self.pixels_of(task).filter(|&at| listed.has(at)).count()]
+        let Region { origin: [_, top], size: [_, height] } = task.region;
+        let pixels = (top..top + height).map(|y| self.row(task, y).len()).sum();
+        let second = if listed.has.is_empty() { 0 } else { self.pixels_of(task).filter(|&at| listed.has(at)).count() };
+        [pixels, second]
     }
 
     /// Slots of a task: its pixels, then their second components in tiles that show mirrors, glass or narrow lobes.
@@ -149,14 +153,20 @@ pub struct TaskPoints {
     /// Tiles in which its pixels show mirrors, glass or narrow lobes, ascending.
     tiles: Vec<u32>,
     /// Values of its slots, array by array.
-    values: Vec<[u32; 4]>,
+    pub(crate) values: Vec<[u32; 4]>,
     /// Hits of its pixels, array by array.
-    hits: Vec<[u32; 2]>,
+    pub(crate) hits: Vec<[u32; 2]>,
     /// Words of its pixels in further arrays, array by array.
     more: Vec<u32>,
 }
 
 impl TaskPoints {
+    /// Where its values lie in the image.
+    #[cfg(all(feature = "conform", not(test)))]
+    pub(crate) fn slots(&self, shape: &Shape) -> Vec<usize> {
+        shape.slots(&self.task, &Listed::new(shape, &self.tiles))
+    }
+
     /// As bytes: numbers of tiles, values, hits and further words as u32, then these, little endian.
     pub fn to_bytes(&self) -> Vec<u8> {
         let counts = [self.tiles.len(), self.values.len(), self.hits.len(), self.more.len()].map(|count| count as u32);

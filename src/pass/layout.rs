@@ -320,6 +320,28 @@ pub struct LayerPush {
     pub pattern: [u32; 2],
 }
 
+/// Push constants of `unpack_points`; the shader says what each member is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct UnpackPush {
+    /// See the shader; so are all.
+    pub corner: [f32; 4],
+    /// By which the ray changes from a column to the next.
+    pub across: [f32; 4],
+    /// From a row to the next.
+    pub down: [f32; 4],
+    /// Eye point, and the scale of coordinates.
+    pub eye: [f32; 4],
+    /// View direction, and whether rays are parallel.
+    pub forward: [f32; 4],
+    /// Numbers of points, pixels, rich points, and those off their ray.
+    pub counts: [u32; 4],
+    /// First word, width of the image, its pixels, hits of a pixel.
+    pub image: [u32; 4],
+    /// Exponents of colours.
+    pub exponents: [i32; 4],
+}
+
 /// Push constants of `discontinuity`; `shaders/include/discontinuity.wgsl` says what each member is.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -98,8 +98,8 @@ impl Renderer {
         self.history = None;
         self.skipped = 0;
         self.engine.seek(number, false);
-        let staging = points.stage(&self.context, self.engine.frame())?;
-        self.pass_with(None, Numbers::One, &Part::Rest(&staging))
+        let taken = points.stage(&self.context, self.engine.frame())?;
+        self.pass_with(None, Numbers::One, &Part::Rest(&taken))
     }
 
     /// [`Renderer::pass`], unless `stop` says otherwise: it is asked before the pass and every few dispatches. Returns whether the pass is

@@ -147,8 +147,11 @@ pub struct Master {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub tasks: u32,
     /// Points are not rounded (--cluster-tasks tiles).
-    #[arg(long)]
+    #[arg(long, conflicts_with = "unpack_on_device")]
     pub exact: bool,
+    /// The device unpacks points, as a graphics card does, where the master would on a processor.
+    #[arg(long)]
+    pub unpack_on_device: bool,
 }
 
 /// Flags of `convolve`.

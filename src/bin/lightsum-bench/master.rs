@@ -22,7 +22,7 @@ use crate::scene;
 /// The parts of a frame in order: key and label in the table.
 const PARTS: [(&str, &str); 4] = [
     ("unpack", "points from bytes"),
-    ("stage", "points row by row"),
+    ("stage", "points to the device"),
     ("pass", "upload, filter, film"),
     ("image", "image read back"),
 ];
@@ -42,6 +42,9 @@ pub fn run(args: &Master) -> Result<()> {
         let sent = Sent::new(Renderer::with_context(context.clone(), scene.clone(), camera, settings.clone())?, args)?;
         let mut master = Renderer::with_context(context.clone(), scene, camera, settings)?;
         let (mut measured, mut points) = (Measured::default(), PassPoints::new(sent.shape));
+        if args.unpack_on_device {
+            points = points.unpacked_on_device(true);
+        }
         for repeat in 0..=args.common.repeats {
             let times = sent.frame(&mut master, &mut points)?;
             if repeat > 0 {
@@ -171,6 +174,7 @@ impl Measured {
             "scene": name,
             "resolution": camera.resolution,
             "exact": sent.exact,
+            "unpack_on_device": args.unpack_on_device,
             "tasks": sent.loads.len(),
             "components": sent.shape.components,
             "bytes_per_pixel": sent.bytes as f64 / f64::from(width) / f64::from(height),

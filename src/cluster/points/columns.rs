@@ -12,7 +12,7 @@ const DIFFERENCES: u8 = 1;
 const SECOND_DIFFERENCES: u8 = 2;
 
 /// The form in which a column keeps its values.
-pub(super) trait Value: Copy {
+pub(super) trait Value: Copy + Into<u32> {
     /// The lowest bits of a word.
     fn of(word: u32) -> Self;
 }
@@ -82,30 +82,37 @@ pub(super) fn get<T: Value, const WIDTH: usize>(bytes: &mut &[u8], count: usize)
     }
     let (own, rest) = rest.split_at_checked(WIDTH * count)?;
     *bytes = rest;
-    let planes: [&[u8]; WIDTH] = std::array::from_fn(|byte| &own[byte * count..][..count]);
-    let left = |i: usize| {
-        let folded = (0..WIDTH).fold(0, |sum, byte| sum | u32::from(planes[byte][i]) << (8 * byte));
-        (folded >> 1) ^ (folded & 1).wrapping_neg()
+    // What is left of all values first, which takes no value after the other.
+    let left = |folded: u32| T::of((folded >> 1) ^ (folded & 1).wrapping_neg());
+    let byte = |byte: usize| own[byte * count..][..count].iter().map(|&byte| u32::from(byte));
+    let mut values: Vec<T> = match WIDTH {
+        1 => byte(0).map(left).collect(),
+        2 => byte(0).zip(byte(1)).map(|(a, b)| left(a | b << 8)).collect(),
+        3 => byte(0).zip(byte(1)).zip(byte(2)).map(|((a, b), c)| left(a | b << 8 | c << 16)).collect(),
+        4 => {
+            let all = byte(0).zip(byte(1)).zip(byte(2)).zip(byte(3));
+            all.map(|(((a, b), c), d)| left(a | b << 8 | c << 16 | d << 24)).collect()
+        }
+        _ => return None,
     };
     let (mut value, mut difference) = (0u32, 0u32);
     match order {
         DIFFERENCES => {
-            let next = |i: usize| {
-                value = value.wrapping_add(left(i));
-                T::of(value & mask)
-            };
-            Some((0..count).map(next).collect())
+            for left in &mut values {
+                value = value.wrapping_add((*left).into());
+                *left = T::of(value & mask);
+            }
         }
         SECOND_DIFFERENCES => {
-            let next = |i: usize| {
-                difference = difference.wrapping_add(left(i));
+            for left in &mut values {
+                difference = difference.wrapping_add((*left).into());
                 value = value.wrapping_add(difference);
-                T::of(value & mask)
-            };
-            Some((0..count).map(next).collect())
+                *left = T::of(value & mask);
+            }
         }
-        _ => None,
+        _ => return None,
     }
+    Some(values)
 }
 
 /// Exponent of a number above 0: that of the power of two at or below it.
@@ -156,6 +163,8 @@ pub(super) fn put_colors(out: &mut Vec<u8>, colors: &[Vec3]) {
 pub(super) struct Colors {
     mantissas: [Vec<u8>; 3],
     rest: Vec<u8>,
+    /// Exponent of the largest value of all.
+    pub(super) shift: i32,
     /// 1 in the last place, by exponent.
     steps: [f64; 32],
 }
@@ -168,7 +177,13 @@ impl Colors {
         let shift = Some(i32::from_le_bytes(*shift)).filter(|shift| shift.abs() < 256)?;
         let mantissas = [get::<_, 1>(bytes, count)?, get::<_, 1>(bytes, count)?, get::<_, 1>(bytes, count)?];
         let steps = std::array::from_fn(|exponent| power_of_two(exponent as i32 - 31 + shift - 9));
-        Some(Colors { mantissas, rest: get::<_, 1>(bytes, count)?, steps })
+        Some(Colors { mantissas, rest: get::<_, 1>(bytes, count)?, shift, steps })
+    }
+
+    /// All codes: three mantissas, and ninth bits with an exponent above them.
+    pub(super) fn codes(&self) -> impl Iterator<Item = u32> {
+        let [r, g, b] = self.mantissas.each_ref().map(|mantissas| mantissas.iter().copied().map(u32::from));
+        r.zip(g).zip(b).zip(&self.rest).map(|(((r, g), b), &rest)| r | g << 8 | b << 16 | u32::from(rest) << 24)
     }
 
     /// One of them.
@@ -204,6 +219,11 @@ impl Normals {
     /// `None`: too few bytes, or no normals.
     pub(super) fn get(bytes: &mut &[u8], count: usize) -> Option<Normals> {
         Some(Normals([get::<_, 2>(bytes, count)?, get::<_, 2>(bytes, count)?]))
+    }
+
+    /// All codes, one half above the other.
+    pub(super) fn codes(&self) -> impl Iterator<Item = u32> {
+        self.0[0].iter().zip(&self.0[1]).map(|(&x, &y)| u32::from(x) | u32::from(y) << 16)
     }
 
     /// The code of one of them, for [`decode_normal`].
@@ -256,6 +276,11 @@ impl Steps {
         (steps.abs() < f64::from(1 << 23)).then_some(steps as i32 as u32 & 0x00ff_ffff)
     }
 
+    /// One of them.
+    pub(super) fn size(self) -> f32 {
+        self.0 as f32
+    }
+
     /// From [`Steps::encode`].
     pub(super) fn decode(self, code: u32) -> f32 {
         (f64::from((code << 8) as i32 >> 8) * self.0) as f32
@@ -273,7 +298,7 @@ mod tests {
         random_f32(key(7, i, j, 3))
     }
 
-    fn comes_back<T: Value + Into<u32>, const WIDTH: usize>(values: &[u32], order: u8) {
+    fn comes_back<T: Value, const WIDTH: usize>(values: &[u32], order: u8) {
         let mask = u32::MAX >> (32 - 8 * WIDTH);
         let values: Vec<u32> = values.iter().map(|value| value & mask).collect();
         let mut bytes = Vec::new();

@@ -21,12 +21,12 @@
 //! Values that are no numbers, reflectances above 1, and positions beyond 64 times the scale are sent as they are, with all points of the task, so that the master
 //! leaves the pass out where it has to.
 
-use std::io::{Read, Write};
+use std::io::Write;
 
 use flate2::Compression;
-use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use glam::{Vec3, Vec4};
+use zune_inflate::{DeflateDecoder, DeflateOptions};
 
 use super::columns::{
     Colors, Normals, Steps, byte, decode_depth, decode_normal, encode_depth, get, put, put_colors, put_normals, share,
@@ -52,9 +52,9 @@ const EXACT: u8 = 0;
 const PACKED: u8 = 1;
 /// Flags of plain points; the bit above them marks the others.
 const PLAIN_FLAGS: u32 = 0x7f;
-const RICH: u32 = 0x80;
+pub(super) const RICH: u32 = 0x80;
 /// Marks, beside the flags above those, points whose place and path do not follow from the pixel's ray.
-const OFF_RAY: u32 = 0x8000;
+pub(super) const OFF_RAY: u32 = 0x8000;
 
 // Arrays of `Frame::point_buffers`, by their place there.
 const POSITION: usize = 0;
@@ -116,24 +116,24 @@ fn is_off_ray(parameters: &FrameParameters, point: &Point, pixel: u32) -> bool {
 /// Points in columns, as they are sent.
 pub(super) struct Columns {
     pub(super) parameters: FrameParameters,
-    steps: Steps,
-    flags: Vec<u8>,
-    kd: [Vec<u8>; 3],
-    normals: Normals,
-    distances: Vec<u32>,
-    light: [Colors; 2],
+    pub(super) steps: Steps,
+    pub(super) flags: Vec<u8>,
+    pub(super) kd: [Vec<u8>; 3],
+    pub(super) normals: Normals,
+    pub(super) distances: Vec<u32>,
+    pub(super) light: [Colors; 2],
     // Of rich points.
-    high: Vec<u16>,
-    shading: Normals,
-    f0: [Vec<u8>; 3],
+    pub(super) high: Vec<u16>,
+    pub(super) shading: Normals,
+    pub(super) f0: [Vec<u8>; 3],
     /// f90, alpha, probability of the diffuse lobe, flags of the path.
-    words: [Vec<u32>; 4],
-    shown: [Colors; 2],
+    pub(super) words: [Vec<u32>; 4],
+    pub(super) shown: [Colors; 2],
     // Of those off their ray.
-    wo: Normals,
-    depths: Vec<u32>,
-    places: [Vec<u32>; 3],
-    throughput: Colors,
+    pub(super) wo: Normals,
+    pub(super) depths: Vec<u32>,
+    pub(super) places: [Vec<u32>; 3],
+    pub(super) throughput: Colors,
     /// Hits of the pixels, array by array.
     pub(super) hits: Vec<[u32; 2]>,
     /// Words of the pixels in further arrays, array by array.
@@ -213,11 +213,10 @@ impl Columns {
             let (triangles, is_other) = (get::<u32, 4>(bytes, pixels)?, get::<u8, 1>(bytes, pixels)?);
             let count = is_other.iter().filter(|&&is_other| is_other != 0).count();
             let mut others = get::<u32, 4>(bytes, count)?.into_iter();
-            let code = |i: usize| if is_other[i] != 0 { others.next().unwrap_or(0) } else { distances[i] };
-            let codes: Vec<u32> = (0..pixels).map(code).collect();
-            hits.extend(
-                triangles.into_iter().zip(codes).map(|(triangle, code)| [triangle, decode_depth(code).to_bits()]),
-            );
+            let codes = distances.iter().zip(&is_other);
+            let codes = codes.map(|(&code, &is_other)| if is_other != 0 { others.next().unwrap_or(0) } else { code });
+            let hit = |(triangle, code): (u32, u32)| [triangle, decode_depth(code).to_bits()];
+            hits.extend(triangles.into_iter().zip(codes).map(hit));
         }
         let more = get_more(bytes, shape, pixels)?;
         let steps = Steps::of(parameters.eye[3]);
@@ -250,9 +249,8 @@ impl Columns {
     pub(super) fn unpack(task: Task, shape: &Shape, bytes: &[u8]) -> Result<Packed> {
         let (form, packed) = bytes.split_first().ok_or_else(strange)?;
         task.region.check(shape.size)?;
-        let most = 512 * u64::from(shape.size[0]) * u64::from(shape.size[1]) + 4096;
-        let mut bytes = Vec::with_capacity(4 * packed.len());
-        ZlibDecoder::new(packed).take(most).read_to_end(&mut bytes).map_err(|_| strange())?;
+        let options = DeflateOptions::default().set_limit(512 * shape.pixels() + 4096).set_size_hint(8 * packed.len());
+        let bytes = DeflateDecoder::new_with_options(packed, options).decode_zlib().map_err(|_| strange())?;
         match *form {
             EXACT => Ok(Packed::Exact(TaskPoints::from_bytes(task, &bytes)?)),
             PACKED => {

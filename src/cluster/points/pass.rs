@@ -1,18 +1,21 @@
 //! The shaded points of a pass, from those of its tasks, in the memory that a device reads.
 //!
-//! They stay as they came in until all are there, and are then written row by row, each row once: tasks of a row take turns in
-//! memory that the processor keeps at hand.
+//! They stay as they came in until all are there. If all came packed, a graphics card unpacks them: their columns are copied as they are (`pass::unpack_points`).
+//! If not, or where a processor is the device, for which reading and writing arrays by a kernel takes twice as long, points are written row by row,
+//! each row once: tasks of a row take turns in memory that the processor keeps at hand. Words of further arrays are written row by row both ways.
 
 use std::ops::Range;
 
+use ash::vk;
 use glam::Vec4;
 
 use super::packing::{ARRAYS, Columns, Cursor, Packed, WO, ZERO_IF_PLAIN};
-use super::{Listed, Shape, TaskPoints, strange};
+use super::{Listed, Shape, TaskPoints, strange, words};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::gpu::{Buffer, Context, Memory, Staging};
+use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
 use crate::pass::layout::DispatchCounts;
+use crate::pass::unpack_points::{self, UnpackPoints};
 use crate::pass::{ShadingPoints, camera_rays};
 use crate::view::Task;
 
@@ -32,16 +35,29 @@ enum Form {
     Columns(Box<Columns>),
 }
 
+/// Where the points of a pass have been written.
+enum Written {
+    /// Rows of each array, component by component; the others are zeros, or nobody's.
+    Rows(Vec<Vec<Range<u32>>>),
+    /// Words, which the device unpacks: the place of each part.
+    Words(Vec<unpack_points::Part>),
+}
+
 /// The shaded points of a pass, put together of those of its tasks.
 pub struct PassPoints {
     shape: Shape,
     parts: Vec<Part>,
     tiles: Vec<u32>,
     missing: usize,
-    /// Memory that the device copies from; made with the first pass.
+    /// Memory that the device copies from; made when it is first needed.
     buffers: [Vec<Buffer>; 3],
-    /// Rows of each array that they have for this pass, component by component; the others are zeros, or nobody's. `None`: the points are not written yet.
-    written: Option<Vec<Vec<Range<u32>>>>,
+    /// Whether the device unpacks points; `None`: a graphics card does.
+    on_device: Option<bool>,
+    /// Words of the points where the device unpacks them.
+    words: Vec<u32>,
+    /// Memory for words, of the host and of the device.
+    packed: Option<[Buffer; 2]>,
+    written: Option<Written>,
     /// Slots that light reaches, once the points are written, where near light spreads.
     lit: Vec<u32>,
 }
@@ -56,9 +72,17 @@ impl PassPoints {
             tiles: Vec::new(),
             missing,
             buffers: [Vec::new(), Vec::new(), Vec::new()],
+            on_device: None,
+            words: Vec::new(),
+            packed: None,
             written: None,
             lit: Vec::new(),
         }
+    }
+
+    /// With packed points unpacked by the device, or row by row by the host. Otherwise graphics cards unpack them, processors do not.
+    pub fn unpacked_on_device(self, on_device: bool) -> PassPoints {
+        PassPoints { on_device: Some(on_device), ..self }
     }
 
     /// Takes all points away, for another pass.
@@ -122,7 +146,65 @@ impl PassPoints {
         }
         self.tiles.sort_unstable();
         self.tiles.dedup();
-        for (own, device) in self.buffers.iter_mut().zip(all_buffers(frame)) {
+        let mut lit = std::mem::take(&mut self.lit);
+        lit.clear();
+        self.written = Some(match self.append_words(context) {
+            Some(parts) => {
+                self.write_words(context)?;
+                self.reserve(context, frame, false)?;
+                self.write_more()?;
+                if self.shape.spreads_near_light() {
+                    self.list_lit(&mut lit);
+                }
+                Written::Words(parts)
+            }
+            None => {
+                self.reserve(context, frame, true)?;
+                self.write_more()?;
+                Written::Rows(self.write_rows(&mut lit)?)
+            }
+        });
+        self.lit = lit;
+        Ok(())
+    }
+
+    /// Makes the words of all points, if all came packed and the device can take so many.
+    fn append_words(&mut self, context: &Context) -> Option<Vec<unpack_points::Part>> {
+        let is_card = context.info().device_type != vk::PhysicalDeviceType::CPU;
+        let columns = |part: &Part| matches!(part.form, Form::Columns(_));
+        if !self.on_device.unwrap_or(is_card)
+            || !self.parts.iter().all(columns)
+            || self.shape.size.iter().any(|&n| n > words::MOST)
+        {
+            return None;
+        }
+        self.words.clear();
+        let mut parts = Vec::new();
+        for part in &self.parts {
+            if let Form::Columns(columns) = &part.form {
+                parts.push(words::append(&mut self.words, columns, &self.shape, &part.task, &part.listed));
+            }
+        }
+        (size_of_val(&self.words[..]) as u64 <= context.info().max_storage_buffer_range).then_some(parts)
+    }
+
+    /// Makes memory for the words that is missing, and writes them.
+    fn write_words(&mut self, context: &Context) -> Result<()> {
+        let bytes: &[u8] = bytemuck::cast_slice(&self.words);
+        let needed = bytes.len() as u64;
+        if self.packed.as_ref().is_none_or(|[upload, _]| upload.bytes() < needed) {
+            // Passes differ a little.
+            let most = (needed + needed / 8).min(context.info().max_storage_buffer_range);
+            let buffer = |memory| Buffer::new(context, "packed points", most, memory);
+            self.packed = Some([buffer(Memory::Upload)?, buffer(Memory::Device)?]);
+        }
+        self.packed.as_ref().map_or(Ok(()), |[upload, _]| upload.write(0, bytes))
+    }
+
+    /// Makes memory for further words, and for points too.
+    fn reserve(&mut self, context: &Context, frame: &Frame, points: bool) -> Result<()> {
+        let all = all_buffers(frame);
+        for (own, device) in self.buffers.iter_mut().zip(all).skip(if points { 0 } else { 2 }) {
             if own.len() != device.len() {
                 let buffer = |of: &&Buffer| {
                     Buffer::new(context, &format!("{} (staging)", of.name()), of.bytes(), Memory::Upload)
@@ -130,33 +212,27 @@ impl PassPoints {
                 *own = device.iter().map(buffer).collect::<Result<_>>()?;
             }
         }
-        let mut lit = std::mem::take(&mut self.lit);
-        lit.clear();
-        self.written = Some(self.write(&mut lit)?);
-        self.lit = lit;
         Ok(())
     }
 
     /// Stages the points for the buffers of a frame. Second components outside of the tiles of all tasks are
     /// left as they are: nothing reads them. Errors: those of [`PassPoints::prepare`].
-    pub(crate) fn stage(&mut self, context: &Context, frame: &Frame) -> Result<Staging> {
+    pub(crate) fn stage(&mut self, context: &Context, frame: &Frame) -> Result<Taken<'_>> {
         self.prepare(context, frame)?;
-        let device = all_buffers(frame);
         let mut staging = Staging::new();
-        let row = 16 * u64::from(self.shape.size[0]);
-        for (i, rows) in self.written.iter().flatten().enumerate() {
-            let (array, component) = (i % ARRAYS, (i / ARRAYS) as u64);
-            let (from, to) = (&self.buffers[0][array], device[0][array]);
-            if component == 0 && rows.iter().map(ExactSizeIterator::len).sum::<usize>() < self.shape.size[1] as usize {
-                staging.clear(to);
+        let mut packed = None;
+        match (&self.written, &self.packed) {
+            (Some(Written::Words(parts)), Some([upload, device])) => {
+                if self.shape.components > 1 {
+                    // Second components in tiles that other tasks list.
+                    frame.point_buffers()[0].iter().for_each(|buffer| staging.clear(buffer));
+                }
+                staging.copy(upload, (device, 0), 0..size_of_val(&self.words[..]) as u64)?;
+                let unpack = UnpackPoints::new(context, &frame.unpacked(device))?;
+                packed = Some((unpack, parts.iter().zip(&self.parts).collect()));
             }
-            let first = component * 16 * self.shape.pixels() as u64;
-            for rows in rows {
-                staging.copy(from, (to, 0), first + row * u64::from(rows.start)..first + row * u64::from(rows.end))?;
-            }
-        }
-        for (from, to) in self.buffers[1].iter().zip(&device[1]) {
-            staging.copy(from, (to, 0), 0..from.bytes())?;
+            (Some(Written::Rows(rows)), _) => self.stage_rows(frame, &mut staging, rows)?,
+            _ => {}
         }
         let pixels = self.shape.pixels() as u64;
         let words = self.shape.more.into_iter().filter(|&words| words > 0);
@@ -174,11 +250,66 @@ impl PassPoints {
         staging.stage_into(context, &frame.eye.ideal_tiles.entries, 0, &self.tiles)?;
         let counts = DispatchCounts::of_tiles(self.tiles.len() as u32);
         staging.stage_into(context, &frame.eye.ideal_tiles.work, 0, &[counts])?;
-        Ok(staging)
+        Ok(Taken { staging, packed })
+    }
+
+    /// Stages rows of points.
+    fn stage_rows(&self, frame: &Frame, staging: &mut Staging, written: &[Vec<Range<u32>>]) -> Result<()> {
+        let device = all_buffers(frame);
+        let row = 16 * u64::from(self.shape.size[0]);
+        for (i, rows) in written.iter().enumerate() {
+            let (array, component) = (i % ARRAYS, (i / ARRAYS) as u64);
+            let (from, to) = (&self.buffers[0][array], device[0][array]);
+            if component == 0 && rows.iter().map(ExactSizeIterator::len).sum::<usize>() < self.shape.size[1] as usize {
+                staging.clear(to);
+            }
+            let first = component * 16 * self.shape.pixels() as u64;
+            for rows in rows {
+                staging.copy(from, (to, 0), first + row * u64::from(rows.start)..first + row * u64::from(rows.end))?;
+            }
+        }
+        let mut hits = self.buffers[1].iter().zip(&device[1]);
+        hits.try_for_each(|(from, to)| staging.copy(from, (to, 0), 0..from.bytes()))
+    }
+
+    /// Lists the slots that light reaches.
+    fn list_lit(&self, lit: &mut Vec<u32>) {
+        for part in &self.parts {
+            let Form::Columns(columns) = &part.form else { continue };
+            let slots = self.shape.slots(&part.task, &part.listed).into_iter().zip(&columns.flags);
+            let is_lit = |(_, flags): &(usize, &u8)| u32::from(**flags) & ShadingPoints::LIT != 0;
+            lit.extend(slots.filter(is_lit).map(|(slot, _)| slot as u32));
+        }
+        lit.sort_unstable();
+    }
+
+    /// Writes the words of further arrays into the buffers, row by row.
+    fn write_more(&self) -> Result<()> {
+        let arrays: Vec<usize> = self.shape.more.into_iter().filter(|&words| words > 0).collect();
+        let width = self.shape.size[0];
+        let mut rows: Vec<Vec<u32>> = arrays.iter().map(|words| vec![0; words * width as usize]).collect();
+        let mut done = vec![0; self.parts.len()];
+        for y in 0..if arrays.is_empty() { 0 } else { self.shape.size[1] } {
+            for (part, done) in self.parts.iter().zip(&mut done) {
+                let mut begin = 0;
+                for (row, &words) in rows.iter_mut().zip(&arrays) {
+                    for (x, i) in self.shape.row(&part.task, y).zip(*done..) {
+                        let from = &part.more[begin + words * i..][..words];
+                        row[words * x as usize..][..words].copy_from_slice(from);
+                    }
+                    begin += words * part.pixels;
+                }
+                *done += self.shape.row(&part.task, y).len();
+            }
+            for (buffer, row) in self.buffers[2].iter().zip(&rows) {
+                buffer.write(4 * u64::from(y) * row.len() as u64, bytemuck::cast_slice(row))?;
+            }
+        }
+        Ok(())
     }
 
     /// Writes all points into the buffers; returns the rows that have been. `lit` receives the slots that light reaches.
-    fn write(&self, lit: &mut Vec<u32>) -> Result<Vec<Vec<Range<u32>>>> {
+    fn write_rows(&self, lit: &mut Vec<u32>) -> Result<Vec<Vec<Range<u32>>>> {
         let [width, height] = self.shape.size;
         let listed = Listed::new(&self.shape, &self.tiles);
         let (components, row_bytes) = (self.shape.components as usize, 16 * u64::from(width));
@@ -187,13 +318,6 @@ impl PassPoints {
         let mut rows = Rows {
             values: vec![vec![[0; 4]; width as usize]; ARRAYS * components],
             hits: vec![vec![[0; 2]; width as usize]; self.shape.arrays[1]],
-            more: self
-                .shape
-                .more
-                .into_iter()
-                .filter(|&words| words > 0)
-                .map(|words| vec![0; words * width as usize])
-                .collect(),
             plain: true,
         };
         for y in 0..height {
@@ -234,11 +358,36 @@ impl PassPoints {
             for (buffer, row) in self.buffers[1].iter().zip(&rows.hits) {
                 buffer.write(8 * u64::from(y) * u64::from(width), bytemuck::cast_slice(row))?;
             }
-            for (buffer, row) in self.buffers[2].iter().zip(&rows.more) {
-                buffer.write(4 * u64::from(y) * row.len() as u64, bytemuck::cast_slice(row))?;
-            }
         }
         Ok(filled)
+    }
+}
+
+/// The points of a pass, staged for the buffers of a frame.
+pub(crate) struct Taken<'a> {
+    staging: Staging,
+    /// What unpacks them, and each part.
+    packed: Option<(UnpackPoints, Vec<(&'a unpack_points::Part, &'a Part)>)>,
+}
+
+impl Taken<'_> {
+    /// Whether the device unpacks them.
+    #[cfg(all(feature = "conform", not(test)))]
+    pub(crate) fn unpacks(&self) -> bool {
+        self.packed.is_some()
+    }
+
+    /// Records the copies and what unpacks them.
+    pub(crate) fn record(&self, rec: &mut Recorder) -> Result<()> {
+        self.staging.record(rec)?;
+        if let Some((unpack, parts)) = &self.packed {
+            for (place, part) in parts {
+                if let Form::Columns(columns) = &part.form {
+                    unpack.record(rec, place, &columns.parameters)?;
+                }
+            }
+        }
+        Ok(())
     }
 }
 
@@ -260,8 +409,6 @@ fn extend(runs: &mut Vec<Range<u32>>, row: u32) {
 struct Rows {
     values: Vec<Vec<[u32; 4]>>,
     hits: Vec<Vec<[u32; 2]>>,
-    /// Words of further arrays.
-    more: Vec<Vec<u32>>,
     /// Whether all first components are plain.
     plain: bool,
 }
@@ -285,14 +432,6 @@ impl Walker<'_> {
     /// Writes the next row.
     fn write(&mut self, shape: &Shape, y: u32, rows: &mut Rows) {
         let (task, listed) = (&self.part.task, &self.part.listed);
-        let (mut begin, pixels) = (0, self.part.pixels);
-        for (row, words) in rows.more.iter_mut().zip(shape.more.into_iter().filter(|&words| words > 0)) {
-            for (x, i) in shape.row(task, y).zip(self.first.next..) {
-                let from = &self.part.more[begin + words * i..][..words];
-                row[words * x as usize..][..words].copy_from_slice(from);
-            }
-            begin += words * pixels;
-        }
         match &self.part.form {
             Form::Exact(points) => {
                 let slots = points.values.len() / ARRAYS;

@@ -16,6 +16,7 @@ pub mod light;
 pub mod light_lists;
 pub mod near;
 pub mod outliers;
+pub mod packed;
 pub mod paths;
 pub mod photons;
 pub mod self_tests;
