@@ -3,10 +3,10 @@
 #include "flags.wgsl"
 #include "octahedral.wgsl"
 
-// A header and columns, a word for each element: of all points place, flags and albedo, normal, distance, direct and indirect irradiance; of the
-// pixels triangle and distance of each of their hits; of rich points the number among all, high flags, shading normal, specular reflectance,
-// f90, alpha, probability of the diffuse lobe, word of the path, emission, specular radiance, number among those off their ray; of those off their ray
-// direction to the eye, depth, coordinates, throughput.
+// Columns, a word for each element: of all points place (column and row of the pixel), flags and albedo, normal, distance, direct and indirect irradiance;
+// of the pixels triangle and distance of each of their hits; of rich points, which have more to tell than a diffuse surface, the number among all points, high flags,
+// shading normal, specular reflectance, f90, alpha, probability of the diffuse lobe, flags of the path, emission, specular radiance, number among those off their
+// ray; of those off their ray direction to the eye, depth, coordinates, throughput.
 @group(0) @binding(0) var<storage, read> packed: array<u32>;
 @group(0) @binding(1) var<storage, read_write> point_position: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> point_geometric: array<vec4<f32>>;
@@ -27,7 +27,7 @@
 
 // Host twin: pass::layout::UnpackPush.
 struct UnpackPush {
-    corner: vec4<f32>,  // direction of the ray of the first pixel, less the eye where all are parallel: its start; w: step of coordinates
+    corner: vec4<f32>,  // direction of the first pixel's ray, of an orthographic camera its start less the eye; w: step of coordinates
     across: vec4<f32>,  // by which that changes from a column to the next; w: exponent of throughputs
     down: vec4<f32>,    // and from a row to the next
     eye: vec4<f32>,     // w: coordinate scale of the scene
@@ -71,7 +71,7 @@ fn depth(code: u32) -> f32 {
     return bitcast<f32>(code << 6u);
 }
 
-// What follows from the ray of the pixel at a place.
+// Writes position, direction to the eye and throughput of a point on the ray of its pixel; `at`: column and row of the pixel.
 fn write_on_ray(slot: u32, at: vec2<f32>, flags: u32, distance: f32, normal: vec3<f32>) {
     let through = push.corner.xyz + at.x * push.across.xyz + at.y * push.down.xyz;
     let parallel = push.forward.w != 0.0;

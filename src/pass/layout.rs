@@ -324,7 +324,7 @@ pub struct LayerPush {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct UnpackPush {
-    /// See the shader; so are all.
+    /// Direction of the first pixel's ray, or of an orthographic camera its start less the eye; a step of coordinates.
     pub corner: [f32; 4],
     /// By which the ray changes from a column to the next.
     pub across: [f32; 4],

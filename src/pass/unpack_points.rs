@@ -1,8 +1,8 @@
-//! Points of tasks that came packed (Wald et al. 2002, 4.2), as the stages after shading read them: what
-//! [`TaskPoints::unpack`](crate::cluster::points::TaskPoints::unpack), the oracle, has a processor do.
+//! Unpacks points of tasks that came packed (Wald et al. 2002, 4.2) into the arrays that the stages after shading read. Oracle:
+//! [`TaskPoints::unpack`](crate::cluster::points::TaskPoints::unpack).
 //!
-//! A task's points lie in columns of words: numbers of some bits, as they were told. Plain points, each an eye ray that ends on a diffuse surface, follow from
-//! their pixel's ray; those with more to tell are listed. Directions of rays differ from the oracle's by rounding, some 2e-7.
+//! A task's points lie in columns, one word for each point. Place and depth of a plain point, which a diffuse surface shows, follow from
+//! the ray of its pixel; a second dispatch goes through the list of points with more to tell. Directions of rays differ from the oracle's by rounding, some 2e-7.
 //!
 //! Cost: 24 bytes read and 176 written a point, 8 and 8 for each hit of a pixel, some 60 operations; 44 bytes more of points with more to tell, and 24
 //! of those off their ray.

@@ -82,7 +82,7 @@ pub(super) fn get<T: Value, const WIDTH: usize>(bytes: &mut &[u8], count: usize)
     }
     let (own, rest) = rest.split_at_checked(WIDTH * count)?;
     *bytes = rest;
-    // What is left of all values first, which takes no value after the other.
+    // All remainders are decoded first: none depends on another, so the processor takes several at once.
     let left = |folded: u32| T::of((folded >> 1) ^ (folded & 1).wrapping_neg());
     let byte = |byte: usize| own[byte * count..][..count].iter().map(|&byte| u32::from(byte));
     let mut values: Vec<T> = match WIDTH {
@@ -276,7 +276,7 @@ impl Steps {
         (steps.abs() < f64::from(1 << 23)).then_some(steps as i32 as u32 & 0x00ff_ffff)
     }
 
-    /// One of them.
+    /// Length of a step.
     pub(super) fn size(self) -> f32 {
         self.0 as f32
     }

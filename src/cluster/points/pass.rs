@@ -1,7 +1,7 @@
 //! The shaded points of a pass, from those of its tasks, in the memory that a device reads.
 //!
 //! They stay as they came in until all are there. If all came packed, a graphics card unpacks them: their columns are copied as they are (`pass::unpack_points`).
-//! If not, or where a processor is the device, for which reading and writing arrays by a kernel takes twice as long, points are written row by row,
+//! If not, or where a processor is the device, for which the kernel takes twice as long, points are written row by row,
 //! each row once: tasks of a row take turns in memory that the processor keeps at hand. Words of further arrays are written row by row both ways.
 
 use std::ops::Range;
@@ -80,7 +80,7 @@ impl PassPoints {
         }
     }
 
-    /// With packed points unpacked by the device, or row by row by the host. Otherwise graphics cards unpack them, processors do not.
+    /// Has the device unpack points that come packed, or the host, row by row. By default graphics cards unpack them and processors do not.
     pub fn unpacked_on_device(self, on_device: bool) -> PassPoints {
         PassPoints { on_device: Some(on_device), ..self }
     }
@@ -188,7 +188,7 @@ impl PassPoints {
         (size_of_val(&self.words[..]) as u64 <= context.info().max_storage_buffer_range).then_some(parts)
     }
 
-    /// Makes memory for the words that is missing, and writes them.
+    /// Writes the words into staging memory, which grows where they need more.
     fn write_words(&mut self, context: &Context) -> Result<()> {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
         let needed = bytes.len() as u64;
@@ -201,7 +201,7 @@ impl PassPoints {
         self.packed.as_ref().map_or(Ok(()), |[upload, _]| upload.write(0, bytes))
     }
 
-    /// Makes memory for further words, and for points too.
+    /// Makes the staging buffers of further arrays, and with `points` those of points.
     fn reserve(&mut self, context: &Context, frame: &Frame, points: bool) -> Result<()> {
         let all = all_buffers(frame);
         for (own, device) in self.buffers.iter_mut().zip(all).skip(if points { 0 } else { 2 }) {
@@ -366,7 +366,7 @@ impl PassPoints {
 /// The points of a pass, staged for the buffers of a frame.
 pub(crate) struct Taken<'a> {
     staging: Staging,
-    /// What unpacks them, and each part.
+    /// The kernels that unpack points, and each part with its place among the words.
     packed: Option<(UnpackPoints, Vec<(&'a unpack_points::Part, &'a Part)>)>,
 }
 
@@ -377,7 +377,7 @@ impl Taken<'_> {
         self.packed.is_some()
     }
 
-    /// Records the copies and what unpacks them.
+    /// Records the copies, then the kernels that unpack points.
     pub(crate) fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.staging.record(rec)?;
         if let Some((unpack, parts)) = &self.packed {
