@@ -20,6 +20,8 @@ mod view;
 
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use cpu_time::ProcessTime;
@@ -31,6 +33,7 @@ use serde_json::{Value, json};
 
 use crate::args::{Animate, Arguments, ClusterTasks, Command};
 use crate::say_aside;
+use crate::stop::watch_and_tell;
 use link::Link;
 
 /// Time between two looks for messages.
@@ -219,14 +222,32 @@ fn refuse_flags(flags: &[(bool, &'static str)]) -> Result<()> {
     }
 }
 
-/// After an interrupt: tells which frames of a part are missing. Those `done` are written.
-fn tell_missing(args: &Animate, part: &Range<usize>, done: impl Iterator<Item = usize>) {
-    let done: Passes = done.map(|frame| frame as u32).collect();
-    let missing: Passes = done.missing_below(part.end as u32).iter().filter(|&n| n as usize >= part.start).collect();
-    let Some(first) = missing.iter().next() else { return };
-    let of =
-        args.play.frames.as_ref().and_then(|frames| frames.count).map_or(String::new(), |count| format!("/{count}"));
-    say_aside(&format!("of the frames {missing} are missing; --frames {first}..{}{of} renders them", missing.end()));
+/// Frames of an animation that are written.
+struct Written(Arc<Mutex<Passes>>);
+
+impl Written {
+    /// None yet. At an interrupt it tells which frames of a part are missing, at once and whatever the master waits for: where a rank was
+    /// killed the launcher ends the others within a second or two, and a message that the rank had begun to send never comes to its end.
+    fn watch(args: &Animate, part: Range<usize>) -> (Written, Arc<AtomicBool>) {
+        let written = Arc::new(Mutex::new(Passes::default()));
+        let of =
+            args.play.frames.as_ref().and_then(|frames| frames.count).map_or(String::new(), |count| format!("/{count}"));
+        let kept = written.clone();
+        let interrupted = watch_and_tell(move || {
+            let done = kept.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            let missing: Passes =
+                done.missing_below(part.end as u32).iter().filter(|&n| n as usize >= part.start).collect();
+            let Some(first) = missing.iter().next() else { return };
+            let end = missing.end();
+            say_aside(&format!("of the frames {missing} are missing; --frames {first}..{end}{of} renders them"));
+        });
+        (Written(written), interrupted)
+    }
+
+    /// Adds a frame.
+    fn add(&self, frame: u32) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).add(frame);
+    }
 }
 
 /// Checks that outputs can be written, and claims them until the result is dropped.

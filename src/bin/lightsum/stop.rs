@@ -158,6 +158,11 @@ pub fn error_is_due(passes: u32) -> bool {
 /// The flag that Ctrl-C, SIGTERM and SIGHUP set; the current pass (or path per pixel) is finished first. A second one ends the program
 /// at once.
 pub fn watch_for_interrupt() -> Arc<AtomicBool> {
+    watch_and_tell(|| {})
+}
+
+/// [`watch_for_interrupt`], and calls `tell` at once at the first interrupt, from a thread of its own.
+pub fn watch_and_tell(tell: impl Fn() + Send + 'static) -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
     let handler = move || {
@@ -165,6 +170,7 @@ pub fn watch_for_interrupt() -> Arc<AtomicBool> {
             std::process::exit(130);
         }
         say_aside("interrupted: finishing what was begun; interrupt again to leave at once");
+        tell();
     };
     if let Err(error) = ctrlc::set_handler(handler) {
         log::warn!("an interrupt will lose the image: {error}");

@@ -11,12 +11,11 @@ use lightsum::settings::Traversal;
 use lightsum::{Error, Result, input, output};
 use serde_json::{Value, json};
 
-use super::{LOOK, Master, claim, processor_since, refuse_flags, tell_missing};
+use super::{LOOK, Master, Written, claim, processor_since, refuse_flags};
 use crate::animate::{Script, timings, write_json};
 use crate::args::Animate;
 use crate::progress::Progress;
 use crate::say_aside;
-use crate::stop::watch_for_interrupt;
 
 /// Runs the command.
 pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
@@ -27,7 +26,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let part = script.part();
     let files: Vec<PathBuf> = script.outputs(part.clone()).into_iter().take(1).chain(args.timings.clone()).collect();
     let _claim = claim(&files)?;
-    let interrupted = watch_for_interrupt();
+    let (written, interrupted) = Written::watch(args, script.part());
     master.load(args.cluster.local_scene, Traversal::Auto)?;
 
     let all = part.len();
@@ -36,14 +35,9 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let mut tasks = Tasks { left: part, again: VecDeque::new(), of_rank: BTreeMap::new() };
     let mut free: BTreeSet<usize> = master.clients().collect();
     let mut frames: BTreeMap<u32, Value> = BTreeMap::new();
-    let (mut failure, mut told) = (None, false);
+    let mut failure = None;
     loop {
         let stopped = interrupted.load(Ordering::Relaxed) || failure.is_some();
-        if stopped && failure.is_none() && !told {
-            // At once: where a rank was killed the job ends soon.
-            told = true;
-            tell_missing(args, &script.part(), frames.keys().map(|&frame| frame as usize));
-        }
         for rank in free.clone().into_iter().filter(|_| !stopped) {
             let Some(task) = tasks.next(rank, &mut script) else { break };
             free.remove(&rank);
@@ -58,10 +52,10 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
         };
         match message {
             Message::Frame { number, timings } => {
-                if let Some(path) = script.output(number as usize)
-                    && let Err(error) = output::write_file(&path, &[&load])
-                {
-                    failure = failure.or(Some(error));
+                let path = script.output(number as usize);
+                match path.map_or(Ok(()), |path| output::write_file(&path, &[&load])) {
+                    Ok(()) => written.add(number),
+                    Err(error) => failure = failure.or(Some(error)),
                 }
                 frames.insert(number, timings);
                 bytes += load.len();

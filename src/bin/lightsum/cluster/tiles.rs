@@ -16,12 +16,11 @@ use lightsum::{Error, Result, input, output};
 use serde_json::{Value, json};
 
 use super::given::{Given, TASKS};
-use super::{LOOK, Master, claim, processor_since, refuse_flags, tell_missing};
+use super::{LOOK, Master, Written, claim, processor_since, refuse_flags};
 use crate::animate::{Player, Script, timings, write_json};
 use crate::args::{Animate, ClusterTasks};
 use crate::progress::Progress;
 use crate::say_aside;
-use crate::stop::watch_for_interrupt;
 
 /// Passes whose tasks are given out at a time: one is filtered while the next is shaded.
 const AHEAD: usize = 2;
@@ -39,7 +38,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let part = script.part();
     let files: Vec<PathBuf> = script.outputs(part.clone()).into_iter().take(1).chain(args.timings.clone()).collect();
     let _claim = claim(&files)?;
-    let interrupted = watch_for_interrupt();
+    let (written, interrupted) = Written::watch(args, part.clone());
     master.load(args.cluster.local_scene, Traversal::Auto)?;
     let mut player = Player::new(script, scene, Some(Traversal::Auto), &interrupted)?;
     master.compare(player.renderer.fingerprint())?;
@@ -80,7 +79,10 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
             filtering += start.elapsed().as_secs_f64();
             passes += 1;
             match done {
-                Ok(Some(frame)) if part.contains(&step.frame) => frames.push(frame),
+                Ok(Some(frame)) if part.contains(&step.frame) => {
+                    written.add(step.frame as u32);
+                    frames.push(frame);
+                }
                 Ok(_) => {}
                 Err(error) => failure = Some(error),
             }
@@ -108,9 +110,6 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
         }
     }
     progress.finish();
-    if interrupted.load(Ordering::Relaxed) {
-        tell_missing(args, &part, part.start..part.start + frames.len());
-    }
     let (wall, processor) = (progress.elapsed(), processor_since(processor));
     master.end();
     let count = frames.len();
