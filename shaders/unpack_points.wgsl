@@ -2,12 +2,12 @@
 #include "math.wgsl"
 #include "flags.wgsl"
 #include "octahedral.wgsl"
+#include "packed.wgsl"
 
-// Columns, a word for each element: of all points place (column and row of the pixel), flags and albedo, normal, distance, direct and indirect irradiance;
-// of the pixels triangle and distance of each of their hits; of rich points, which have more to tell than a diffuse surface, the number among all points, high flags,
+// After the grid of the pixels columns, a word for each element: of all points, pixels before second components, flags and albedo, normal, distance, direct and indirect irradiance;
+// of the pixels triangle and distance of each of their hits; of second components the number of the pixel; of rich points, which have more to tell than a diffuse surface, the number among all points, high flags,
 // shading normal, specular reflectance, f90, alpha, probability of the diffuse lobe, flags of the path, emission, specular radiance, number among those off their
 // ray; of those off their ray direction to the eye, depth, coordinates, throughput.
-@group(0) @binding(0) var<storage, read> packed: array<u32>;
 @group(0) @binding(1) var<storage, read_write> point_position: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> point_geometric: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read_write> point_shading: array<vec4<f32>>;
@@ -39,7 +39,7 @@ struct UnpackPush {
 var<immediate> push: UnpackPush;
 
 // Columns of all points, and of rich ones.
-const OF_ALL: u32 = 6u;
+const OF_ALL: u32 = 5u;
 const OF_RICH: u32 = 11u;
 
 // Flags of packed points. Host twins: cluster::points::packing.
@@ -49,7 +49,16 @@ const OFF_RAY: u32 = 0x8000u;
 
 // Word of an element of a column of all points; columns of hits follow them.
 fn of_all(column: u32, i: u32) -> u32 {
-    return packed[push.image.x + column * push.counts.x + i];
+    return packed[push.image.x + GRID + column * push.counts.x + i];
+}
+
+// The first word of the columns of pixels, and of the numbers after them.
+fn of_pixels() -> u32 {
+    return push.image.x + GRID + OF_ALL * push.counts.x;
+}
+
+fn of_second() -> u32 {
+    return of_pixels() + 2u * push.image.w * push.counts.y;
 }
 
 fn shares(word: u32) -> vec3<f32> {
@@ -67,8 +76,12 @@ fn color(word: u32, shift: i32) -> vec3<f32> {
     return vec3<f32>(low | ninth) * powers.x * powers.y;
 }
 
+fn bits_of_depth(code: u32) -> u32 {
+    return code << 6u;
+}
+
 fn depth(code: u32) -> f32 {
-    return bitcast<f32>(code << 6u);
+    return bitcast<f32>(bits_of_depth(code));
 }
 
 // Writes position, direction to the eye and throughput of a point on the ray of its pixel; `at`: column and row of the pixel.
@@ -84,12 +97,12 @@ fn write_on_ray(slot: u32, at: vec2<f32>, flags: u32, distance: f32, normal: vec
 
 #if RICH
 fn of_rich(column: u32, k: u32) -> u32 {
-    let first = push.image.x + OF_ALL * push.counts.x + 2u * push.image.w * push.counts.y;
+    let first = of_second() + push.counts.x - push.counts.y;
     return packed[first + column * push.counts.z + k];
 }
 
 fn of_those_off_ray(column: u32, m: u32) -> u32 {
-    let first = push.image.x + OF_ALL * push.counts.x + 2u * push.image.w * push.counts.y + OF_RICH * push.counts.z;
+    let first = of_second() + push.counts.x - push.counts.y + OF_RICH * push.counts.z;
     return packed[first + column * push.counts.w + m];
 }
 
@@ -104,16 +117,20 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let i = of_rich(0u, k);
-    let place = of_all(0u, i);
-    let at = vec2<u32>(place & 0xffffu, place >> 16u);
-    let slot = at.x + at.y * push.image.y + select(0u, push.image.z, i >= push.counts.y);
-    let word = of_all(1u, i);
-    let normal = decode_normal(of_all(2u, i));
-    let distance = depth(of_all(3u, i));
+    var at = pixel_of(push.image.x, i);
+    var slot = at.x + at.y * push.image.y;
+    if i >= push.counts.y {
+        let pixel = packed[of_second() + i - push.counts.y];
+        at = vec2<u32>(pixel % push.image.y, pixel / push.image.y);
+        slot = pixel + push.image.z;
+    }
+    let word = of_all(0u, i);
+    let normal = decode_normal(of_all(1u, i));
+    let distance = depth(of_all(2u, i));
     let high = of_rich(1u, k);
     let flags = (word & PLAIN_FLAGS) | ((high & ~OFF_RAY) << 7u);
-    direct[slot] = vec4<f32>(color(of_all(4u, i), push.exponents.x), 0.0);
-    indirect[slot] = vec4<f32>(color(of_all(5u, i), push.exponents.y), 0.0);
+    direct[slot] = vec4<f32>(color(of_all(3u, i), push.exponents.x), 0.0);
+    indirect[slot] = vec4<f32>(color(of_all(4u, i), push.exponents.y), 0.0);
     point_geometric[slot] = vec4<f32>(normal, bitcast<f32>(of_rich(4u, k)));
     point_shading[slot] = vec4<f32>(decode_normal(of_rich(2u, k)), bitcast<f32>(of_rich(5u, k)));
     point_kd[slot] = vec4<f32>(shares(word >> 8u), bitcast<f32>(of_rich(6u, k)));
@@ -137,29 +154,29 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if i >= push.counts.x {
         return;
     }
-    let place = of_all(0u, i);
-    let at = vec2<u32>(place & 0xffffu, place >> 16u);
+    let word = of_all(0u, i);
+    let at = pixel_of(push.image.x, i);
     let slot = at.x + at.y * push.image.y;
     if i < push.counts.y && push.image.w > 0u {
-        let first = push.image.x + OF_ALL * push.counts.x + i;
-        first_hits[slot] = vec2<u32>(packed[first], packed[first + push.counts.y]);
+        let first = of_pixels() + i;
+        first_hits[slot] = vec2<u32>(packed[first], bits_of_depth(packed[first + push.counts.y]));
         if push.image.w > 1u {
-            second_hits[slot] = vec2<u32>(packed[first + 2u * push.counts.y], packed[first + 3u * push.counts.y]);
+            let second = first + 2u * push.counts.y;
+            second_hits[slot] = vec2<u32>(packed[second], bits_of_depth(packed[second + push.counts.y]));
         }
     }
-    let word = of_all(1u, i);
     if (word & RICH) != 0u {
         return;
     }
-    let normal = decode_normal(of_all(2u, i));
+    let normal = decode_normal(of_all(1u, i));
     point_geometric[slot] = vec4<f32>(normal, 0.0);
     point_shading[slot] = vec4<f32>(normal, 0.0);
     point_kd[slot] = vec4<f32>(shares(word >> 8u), 1.0);
     point_f0[slot] = vec4<f32>(0.0);
     emitted[slot] = vec4<f32>(0.0);
-    direct[slot] = vec4<f32>(color(of_all(4u, i), push.exponents.x), 0.0);
-    indirect[slot] = vec4<f32>(color(of_all(5u, i), push.exponents.y), 0.0);
+    direct[slot] = vec4<f32>(color(of_all(3u, i), push.exponents.x), 0.0);
+    indirect[slot] = vec4<f32>(color(of_all(4u, i), push.exponents.y), 0.0);
     specular[slot] = vec4<f32>(0.0);
-    write_on_ray(slot, vec2<f32>(at), word & PLAIN_FLAGS, depth(of_all(3u, i)), normal);
+    write_on_ray(slot, vec2<f32>(at), word & PLAIN_FLAGS, depth(of_all(2u, i)), normal);
 }
 #endif

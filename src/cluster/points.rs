@@ -9,6 +9,7 @@
 //! Cost of a task beside its share of the rays: lights and photons of all classes, and passes over the image that skip its other pixels.
 
 mod columns;
+mod more;
 pub mod packing;
 mod pass;
 mod words;
@@ -75,17 +76,25 @@ impl Shape {
 
     /// Columns of the pixels of a task in a row.
     fn row(&self, task: &Task, y: u32) -> impl ExactSizeIterator<Item = u32> + use<> {
-        let ([across, down], Region { origin: [left, top], size: [width, height] }) = (self.pattern, task.region);
-        let inside = y >= top && y - top < height;
-        let (first, step, has) = match task.class {
-            None => (left, 1, inside),
-            Some(class) => (
-                left + (class % across + across - left % across) % across,
-                across,
-                inside && class / across == y % down,
-            ),
+        let (Grid { first: [first, top], step: [across, down], .. }, region) = (self.grid(task), task.region);
+        let has = y >= top && y - region.origin[1] < region.size[1] && (y - top).is_multiple_of(down);
+        (first..if has { region.origin[0] + region.size[0] } else { first }).step_by(across as usize)
+    }
+
+    /// Where the pixels of a task lie.
+    fn grid(&self, task: &Task) -> Grid {
+        let ([across, down], Region { origin, size }) = (self.pattern, task.region);
+        let first =
+            |axis: usize, class: u32, classes: u32| (class % classes + classes - origin[axis] % classes) % classes;
+        let (offset, step) = match task.class {
+            None => ([0, 0], [1, 1]),
+            Some(class) => ([first(0, class, across), first(1, class / across, down)], [across, down]),
         };
-        (first..if has { left + width } else { first }).step_by(step as usize)
+        Grid {
+            first: std::array::from_fn(|axis| origin[axis] + offset[axis]),
+            step,
+            of_row: size[0].saturating_sub(offset[0]).div_ceil(step[0]),
+        }
     }
 
     /// Pixels of a task, row by row.
@@ -112,6 +121,17 @@ impl Shape {
         let second = self.pixels_of(task).filter(|&at| listed.has(at)).map(|at| slot(at) + self.pixels());
         self.pixels_of(task).map(slot).chain(second).collect()
     }
+}
+
+/// Columns and rows of the pixels of a task, which have equal distances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Grid {
+    /// Column and row of the first.
+    first: [u32; 2],
+    /// From one to the next.
+    step: [u32; 2],
+    /// Pixels of a row.
+    of_row: u32,
 }
 
 /// Tiles of 8 x 8 pixels that show mirrors, glass or narrow lobes; none where pixels have one component.
@@ -165,6 +185,14 @@ impl TaskPoints {
     #[cfg(all(feature = "conform", not(test)))]
     pub(crate) fn slots(&self, shape: &Shape) -> Vec<usize> {
         shape.slots(&self.task, &Listed::new(shape, &self.tiles))
+    }
+
+    /// Pixels of the image with its words in one of the further arrays.
+    #[cfg(all(feature = "conform", not(test)))]
+    pub(crate) fn further(&self, shape: &Shape, array: usize) -> impl Iterator<Item = (usize, &[u32])> {
+        let (slots, [pixels, _]) = (self.slots(shape), shape.counts(&self.task, &Listed::new(shape, &self.tiles)));
+        let begin = shape.more[..array].iter().sum::<usize>() * pixels;
+        slots.into_iter().take(pixels).zip(self.more[begin..].chunks(shape.more[array].max(1)))
     }
 
     /// As bytes: numbers of tiles, values, hits and further words as u32, then these, little endian.

@@ -320,6 +320,28 @@ pub struct LayerPush {
     pub pattern: [u32; 2],
 }
 
+/// Push constants of `unpack_more`; the shader says what each member is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct UnpackMorePush {
+    /// First word.
+    pub first: u32,
+    /// Pixels.
+    pub count: u32,
+    /// Words of a pixel.
+    pub words: u32,
+    /// 1: the pixels are listed; 0: they are all of the task.
+    pub is_listed: u32,
+    /// First word of the grid.
+    pub grid: u32,
+    /// Width of the image.
+    pub width: u32,
+    /// First word of the array in its buffer.
+    pub begin: u32,
+    /// Padding.
+    pub pad: u32,
+}
+
 /// Push constants of `unpack_points`; the shader says what each member is.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -78,6 +78,7 @@ pub mod third_light;
 pub mod tiles;
 pub mod trace;
 pub mod unlikely;
+pub mod unpack_more;
 pub mod unpack_points;
 pub mod upsample;
 pub mod upsample_paths;

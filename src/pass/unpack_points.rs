@@ -4,7 +4,7 @@
 //! A task's points lie in columns, one word for each point. Place and depth of a plain point, which a diffuse surface shows, follow from
 //! the ray of its pixel; a second dispatch goes through the list of points with more to tell. Directions of rays differ from the oracle's by rounding, some 2e-7.
 //!
-//! Cost: 24 bytes read and 176 written a point, 8 and 8 for each hit of a pixel, some 60 operations; 44 bytes more of points with more to tell, and 24
+//! Cost: 20 bytes read and 176 written a point, 8 and 8 for each hit of a pixel, some 60 operations; 44 bytes more of points with more to tell, and 24
 //! of those off their ray.
 
 use glam::{Vec3, Vec4};

@@ -92,6 +92,7 @@ fn stages_that_look_further_have_the_bits_of_one_renderer() {
             let shape = Shape::of(master.engine());
             let (mut points, mut bytes) = (PassPoints::new(shape), 0);
             let mut packed = [false, true].map(|on_device| PassPoints::new(shape).unpacked_on_device(on_device));
+            let mut mixed = PassPoints::new(shape).unpacked_on_device(true);
             for pass in 0..2 {
                 whole.pass().unwrap();
                 let parameters = one.engine().plan().parameters(pass).unwrap();
@@ -105,6 +106,10 @@ fn stages_that_look_further_have_the_bits_of_one_renderer() {
                         assert!(TaskPoints::unpack(*task, &shape, &few[..few.len() - 9]).is_err());
                         bytes += few.len();
                         packed.iter_mut().for_each(|points| points.take_packed(*task, &few).unwrap());
+                        match i {
+                            1 => mixed.take(TaskPoints::unpack(*task, &shape, &few).unwrap()).unwrap(),
+                            _ => mixed.take_packed(*task, &few).unwrap(),
+                        }
                     }
                 }
                 assert!(master.pass_from(pass, &mut points).unwrap());
@@ -117,15 +122,23 @@ fn stages_that_look_further_have_the_bits_of_one_renderer() {
             let exact = exact.layers().unwrap().color;
             let whole = exact.iter().map(|l| l.length_squared()).sum::<f32>();
             println!("{name}: {:.2} bytes a pixel", bytes as f64 / f64::from(83 * 61));
-            for points in &mut packed {
+            let (mut films, mut images) = (Vec::new(), Vec::new());
+            for points in packed.iter_mut().chain([&mut mixed]) {
                 let mut rounded = of_stage(ctx, &stage);
                 assert!(rounded.pass_from(0, points).unwrap());
+                films.push(rounded.film().unwrap());
                 let found = rounded.layers().unwrap().color;
                 let square: f32 = exact.iter().zip(&found).map(|(a, b)| a.distance_squared(*b)).sum();
                 let error = (square / whole).sqrt();
                 println!("{name}: relative error {error}");
                 assert!(error < 0.05, "{name}: {error}");
+                images.push(found);
             }
+            let apart: f32 = images[0].iter().zip(&images[1]).map(|(a, b)| a.distance_squared(*b)).sum();
+            let apart = (apart / whole).sqrt();
+            println!("{name}: unpacked by the device {apart} apart from those of the host");
+            assert!(apart < 1e-4, "{name}: {apart}");
+            assert!(films[2] == films[0], "{name}: with the points of one task that came exactly the device's differ");
         }
     });
 }

@@ -41,7 +41,7 @@ pub fn run(args: &Master) -> Result<()> {
         let settings = Settings { compensation: Compensation::Off, superposition: None, ..Settings::interactive() };
         let sent = Sent::new(Renderer::with_context(context.clone(), scene.clone(), camera, settings.clone())?, args)?;
         let mut master = Renderer::with_context(context.clone(), scene, camera, settings)?;
-        let (mut measured, mut points) = (Measured::default(), PassPoints::new(sent.shape));
+        let (mut measured, mut points) = (Measured::default(), PassPoints::of(master.engine()));
         if args.unpack_on_device {
             points = points.unpacked_on_device(true);
         }

@@ -230,8 +230,12 @@ impl Written {
     /// killed the launcher ends the others within a second or two, and a message that the rank had begun to send never comes to its end.
     fn watch(args: &Animate, part: Range<usize>) -> (Written, Arc<AtomicBool>) {
         let written = Arc::new(Mutex::new(Passes::default()));
-        let of =
-            args.play.frames.as_ref().and_then(|frames| frames.count).map_or(String::new(), |count| format!("/{count}"));
+        let of = args
+            .play
+            .frames
+            .as_ref()
+            .and_then(|frames| frames.count)
+            .map_or(String::new(), |count| format!("/{count}"));
         let kept = written.clone();
         let interrupted = watch_and_tell(move || {
             let done = kept.lock().unwrap_or_else(PoisonError::into_inner).clone();

@@ -31,7 +31,8 @@ use zune_inflate::{DeflateDecoder, DeflateOptions};
 use super::columns::{
     Colors, Normals, Steps, byte, decode_depth, decode_normal, encode_depth, get, put, put_colors, put_normals, share,
 };
-use super::{CAUSTICS, Listed, OF_REFLECTORS, Shape, TaskPoints, strange};
+use super::more::{More, put_more};
+use super::{Listed, Shape, TaskPoints, strange};
 use crate::accel::{Ray, offset_origin};
 use crate::device_scene::encode_normal;
 use crate::error::Result;
@@ -135,11 +136,24 @@ pub(super) struct Columns {
     pub(super) places: [Vec<u32>; 3],
     pub(super) throughput: Colors,
     /// Hits of the pixels, array by array.
-    pub(super) hits: Vec<[u32; 2]>,
-    /// Words of the pixels in further arrays, array by array.
-    pub(super) more: Vec<u32>,
+    pub(super) hits: Vec<Hits>,
+    pub(super) more: More,
     /// The first of the second components.
     pub(super) second: Cursor,
+}
+
+/// Hits of the pixels in one array.
+pub(super) struct Hits {
+    pub(super) triangles: Vec<u32>,
+    /// Codes of distances.
+    pub(super) distances: Vec<u32>,
+}
+
+impl Hits {
+    /// That of a pixel, as the device has it.
+    pub(super) fn at(&self, i: usize) -> [u32; 2] {
+        [self.triangles[i], decode_depth(self.distances[i]).to_bits()]
+    }
 }
 
 /// A point of some columns: its number among all, among the rich, and among those off their ray.
@@ -208,17 +222,16 @@ impl Columns {
         let places = three(|| get::<_, 3>(bytes, off_ray))?;
         let throughput = Colors::get(bytes, off_ray)?;
 
-        let mut hits = Vec::with_capacity(pixels * shape.arrays[1]);
+        let mut hits = Vec::with_capacity(shape.arrays[1]);
         for _ in 0..shape.arrays[1] {
             let (triangles, is_other) = (get::<u32, 4>(bytes, pixels)?, get::<u8, 1>(bytes, pixels)?);
-            let count = is_other.iter().filter(|&&is_other| is_other != 0).count();
-            let mut others = get::<u32, 4>(bytes, count)?.into_iter();
-            let codes = distances.iter().zip(&is_other);
-            let codes = codes.map(|(&code, &is_other)| if is_other != 0 { others.next().unwrap_or(0) } else { code });
-            let hit = |(triangle, code): (u32, u32)| [triangle, decode_depth(code).to_bits()];
-            hits.extend(triangles.into_iter().zip(codes).map(hit));
+            let other = || is_other.iter().enumerate().filter(|(_, is_other)| **is_other != 0).map(|(i, _)| i);
+            let codes = get::<u32, 4>(bytes, other().count())?;
+            let mut own = distances[..pixels].to_vec();
+            other().zip(codes).for_each(|(i, code)| own[i] = code);
+            hits.push(Hits { triangles, distances: own });
         }
-        let more = get_more(bytes, shape, pixels)?;
+        let more = More::get(bytes, shape, pixels)?;
         let steps = Steps::of(parameters.eye[3]);
         let second = Cursor { next: pixels, rich: rich_pixels, off_ray: off_ray_pixels, ..Cursor::default() };
         let columns = Columns {
@@ -358,7 +371,9 @@ impl TaskPoints {
             let words = point.iter().map(|value| value.to_array().map(f32::to_bits));
             words.enumerate().for_each(|(array, words)| values[array * slots.len() + i] = words);
         }
-        Ok(TaskPoints { task, tiles, values, hits: columns.hits, more: columns.more })
+        let pixels = columns.second.next;
+        let hits = columns.hits.iter().flat_map(|hits| (0..pixels).map(|i| hits.at(i))).collect();
+        Ok(TaskPoints { task, tiles, values, hits, more: columns.more.all(shape, pixels) })
     }
 
     /// A point by its place among the slots.
@@ -460,45 +475,4 @@ impl TaskPoints {
         put_more(&mut out, shape, &self.more, pixels);
         Some(out)
     }
-}
-
-/// Appends the words of further arrays as they are, word by word: where they matter; of caustics first the pixels that have any.
-fn put_more(out: &mut Vec<u8>, shape: &Shape, more: &[u32], pixels: usize) {
-    let regions = &more[..shape.more[0] * pixels];
-    let mut begin = 0;
-    for (array, words) in shape.more.into_iter().enumerate() {
-        let of = |i: usize, word: usize| more[begin + words * i + word];
-        let matters = |i: usize| !OF_REFLECTORS.contains(&array) || regions.get(i).is_some_and(|&region| region != 0);
-        let mut which: Vec<usize> = (0..pixels).filter(|&i| matters(i)).collect();
-        if CAUSTICS.contains(&array) && words > 0 {
-            let is_lit = |&i: &usize| (0..words).any(|word| of(i, word) != 0);
-            put::<1>(out, &which.iter().map(|i| u32::from(is_lit(i))).collect::<Vec<_>>());
-            which.retain(is_lit);
-        }
-        for word in 0..words {
-            put::<4>(out, &which.iter().map(|&i| of(i, word)).collect::<Vec<_>>());
-        }
-        begin += words * pixels;
-    }
-}
-
-/// Takes the words that [`put_more`] appended from the front of `bytes`; `None`: `bytes` ends before them.
-fn get_more(bytes: &mut &[u8], shape: &Shape, pixels: usize) -> Option<Vec<u32>> {
-    let mut more = vec![0; shape.words() * pixels];
-    let mut begin = 0;
-    for (array, words) in shape.more.into_iter().enumerate() {
-        let regions = &more[..shape.more[0] * pixels];
-        let matters = |i: &usize| !OF_REFLECTORS.contains(&array) || regions.get(*i).is_some_and(|&region| region != 0);
-        let mut which: Vec<usize> = (0..pixels).filter(matters).collect();
-        if CAUSTICS.contains(&array) && words > 0 {
-            let mut lit = get::<u32, 1>(bytes, which.len())?.into_iter();
-            which.retain(|_| lit.next().is_some_and(|lit| lit != 0));
-        }
-        for word in 0..words {
-            let column = get::<u32, 4>(bytes, which.len())?;
-            which.iter().zip(column).for_each(|(i, value)| more[begin + words * i + word] = value);
-        }
-        begin += words * pixels;
-    }
-    Some(more)
 }

@@ -1,8 +1,9 @@
 //! The shaded points of a pass, from those of its tasks, in the memory that a device reads.
 //!
-//! They stay as they came in until all are there. If all came packed, a graphics card unpacks them: their columns are copied as they are (`pass::unpack_points`).
-//! If not, or where a processor is the device, for which the kernel takes twice as long, points are written row by row,
-//! each row once: tasks of a row take turns in memory that the processor keeps at hand. Words of further arrays are written row by row both ways.
+//! A graphics card unpacks points that come packed: their columns become words as each task comes in, so that their memory serves the next one, and the
+//! words are copied as they are (`pass::unpack_points`). Where a processor is the device, for which the kernel takes twice as long, points stay as they came in until
+//! all are there, and are then written row by row, each row once: tasks of a row take turns in memory that the processor keeps at hand. So are those of a pass of which some came
+//! exactly, on a graphics card too.
 
 use std::ops::Range;
 
@@ -10,11 +11,13 @@ use ash::vk;
 use glam::Vec4;
 
 use super::packing::{ARRAYS, Columns, Cursor, Packed, WO, ZERO_IF_PLAIN};
-use super::{Listed, Shape, TaskPoints, strange, words};
+use super::{CAUSTICS, Listed, Shape, TaskPoints, strange, words};
+use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::{Buffer, Context, Memory, Recorder, Staging};
-use crate::pass::layout::DispatchCounts;
+use crate::pass::layout::{DispatchCounts, FrameParameters};
+use crate::pass::unpack_more::{self, UnpackMore};
 use crate::pass::unpack_points::{self, UnpackPoints};
 use crate::pass::{ShadingPoints, camera_rays};
 use crate::view::Task;
@@ -26,21 +29,41 @@ struct Part {
     pixels: usize,
     listed: Listed,
     form: Form,
-    /// Words of its pixels in further arrays.
-    more: Vec<u32>,
+}
+
+impl Part {
+    /// Words of its pixels in further arrays, if not in words for the device.
+    fn more(&self) -> &[u32] {
+        match &self.form {
+            Form::Exact(TaskPoints { more, .. }) | Form::Columns(_, more) => more,
+            Form::Words(_) => &[],
+        }
+    }
 }
 
 enum Form {
+    /// Their words in further arrays are with them.
     Exact(TaskPoints),
-    Columns(Box<Columns>),
+    /// With their words in further arrays.
+    Columns(Box<Columns>, Vec<u32>),
+    Words(Box<Sent>),
+}
+
+/// Packed points among the words of a pass.
+struct Sent {
+    place: unpack_points::Part,
+    more: Vec<unpack_more::Part>,
+    parameters: FrameParameters,
+    /// As they came, in case others of the pass come exactly.
+    bytes: Vec<u8>,
 }
 
 /// Where the points of a pass have been written.
 enum Written {
     /// Rows of each array, component by component; the others are zeros, or nobody's.
     Rows(Vec<Vec<Range<u32>>>),
-    /// Words, which the device unpacks: the place of each part.
-    Words(Vec<unpack_points::Part>),
+    /// Words, which the device unpacks.
+    Words,
 }
 
 /// The shaded points of a pass, put together of those of its tasks.
@@ -51,19 +74,25 @@ pub struct PassPoints {
     missing: usize,
     /// Memory that the device copies from; made when it is first needed.
     buffers: [Vec<Buffer>; 3],
-    /// Whether the device unpacks points; `None`: a graphics card does.
-    on_device: Option<bool>,
+    /// Whether the device unpacks points.
+    on_device: bool,
     /// Words of the points where the device unpacks them.
     words: Vec<u32>,
     /// Memory for words, of the host and of the device.
     packed: Option<[Buffer; 2]>,
     written: Option<Written>,
-    /// Slots that light reaches, once the points are written, where near light spreads.
+    /// Slots that light reaches, where near light spreads: of points in words as they come in, of all once they are written.
     lit: Vec<u32>,
 }
 
 impl PassPoints {
-    /// Without any point.
+    /// Without any point, of an engine's view. A graphics card unpacks those that come packed, and the host does where the device is a processor.
+    pub fn of(engine: &Engine) -> PassPoints {
+        let is_card = engine.context().info().device_type != vk::PhysicalDeviceType::CPU;
+        PassPoints::new(Shape::of(engine)).unpacked_on_device(is_card)
+    }
+
+    /// Without any point. The host unpacks those that come packed.
     pub fn new(shape: Shape) -> PassPoints {
         let missing = shape.pixels();
         PassPoints {
@@ -72,7 +101,7 @@ impl PassPoints {
             tiles: Vec::new(),
             missing,
             buffers: [Vec::new(), Vec::new(), Vec::new()],
-            on_device: None,
+            on_device: false,
             words: Vec::new(),
             packed: None,
             written: None,
@@ -80,9 +109,9 @@ impl PassPoints {
         }
     }
 
-    /// Has the device unpack points that come packed, or the host, row by row. By default graphics cards unpack them and processors do not.
+    /// Has the device unpack points that come packed, or the host, row by row.
     pub fn unpacked_on_device(self, on_device: bool) -> PassPoints {
-        PassPoints { on_device: Some(on_device), ..self }
+        PassPoints { on_device, ..self }
     }
 
     /// Takes all points away, for another pass.
@@ -90,6 +119,8 @@ impl PassPoints {
         self.missing = self.shape.pixels();
         self.parts.clear();
         self.tiles.clear();
+        self.words.clear();
+        self.lit.clear();
         self.written = None;
     }
 
@@ -107,32 +138,53 @@ impl PassPoints {
         if points.values.len() != (pixels + second) * by_slot || points.hits.len() != pixels * by_pixel {
             return Err(strange());
         }
-        let (tiles, more) = (std::mem::take(&mut points.tiles), std::mem::take(&mut points.more));
-        self.add(points.task, pixels, &tiles, Form::Exact(points), more)
+        if points.more.len() != pixels * self.shape.words() {
+            return Err(strange());
+        }
+        let tiles = std::mem::take(&mut points.tiles);
+        self.check(pixels, &tiles)?;
+        self.add(points.task, pixels, (&tiles, listed), Form::Exact(points));
+        Ok(())
     }
 
     /// Takes the points of a task from [`TaskPoints::pack`]. Errors: those of [`TaskPoints::unpack`].
     pub fn take_packed(&mut self, task: Task, bytes: &[u8]) -> Result<()> {
         match Columns::unpack(task, &self.shape, bytes)? {
             Packed::Exact(points) => self.take(points),
-            Packed::Columns(tiles, mut columns) => {
-                let more = std::mem::take(&mut columns.more);
-                self.add(task, columns.second.next, &tiles, Form::Columns(columns), more)
+            Packed::Columns(tiles, columns) => {
+                let pixels = columns.second.next;
+                self.check(pixels, &tiles)?;
+                let listed = Listed::new(&self.shape, &tiles);
+                let form = if self.on_device {
+                    if self.shape.spreads_near_light() {
+                        self.list_lit(&columns, &task, &listed);
+                    }
+                    let place = words::append(&mut self.words, &columns, &self.shape, &task, &listed);
+                    let more = columns.more.arrays().iter();
+                    let more = more.map(|array| words::append_more(&mut self.words, array, &place)).collect();
+                    Form::Words(Box::new(Sent { place, more, parameters: columns.parameters, bytes: bytes.to_vec() }))
+                } else {
+                    let more = columns.more.all(&self.shape, pixels);
+                    Form::Columns(columns, more)
+                };
+                self.add(task, pixels, (&tiles, listed), form);
+                Ok(())
             }
         }
     }
 
-    fn add(&mut self, task: Task, pixels: usize, tiles: &[u32], form: Form, more: Vec<u32>) -> Result<()> {
-        if more.len() != pixels * self.shape.words()
-            || pixels > self.missing
-            || tiles.iter().any(|&tile| tile >= self.shape.tile_count())
-        {
+    /// Errors: a task has more pixels than are missing, or tiles outside of the image.
+    fn check(&self, pixels: usize, tiles: &[u32]) -> Result<()> {
+        if pixels > self.missing || tiles.iter().any(|&tile| tile >= self.shape.tile_count()) {
             return Err(strange());
         }
-        self.parts.push(Part { task, pixels, listed: Listed::new(&self.shape, tiles), form, more });
+        Ok(())
+    }
+
+    fn add(&mut self, task: Task, pixels: usize, (tiles, listed): (&[u32], Listed), form: Form) {
+        self.parts.push(Part { task, pixels, listed, form });
         self.tiles.extend_from_slice(tiles);
         self.missing -= pixels;
-        Ok(())
     }
 
     /// Writes the points for the buffers of a frame, always of the same device, unless that is done. Errors: some points are missing.
@@ -146,46 +198,35 @@ impl PassPoints {
         }
         self.tiles.sort_unstable();
         self.tiles.dedup();
+        let in_words = self.parts.iter().all(|part| matches!(part.form, Form::Words(_)))
+            && size_of_val(&self.words[..]) as u64 <= context.info().max_storage_buffer_range;
         let mut lit = std::mem::take(&mut self.lit);
-        lit.clear();
-        self.written = Some(match self.append_words(context) {
-            Some(parts) => {
-                self.write_words(context)?;
-                self.reserve(context, frame, false)?;
-                self.write_more()?;
-                if self.shape.spreads_near_light() {
-                    self.list_lit(&mut lit);
-                }
-                Written::Words(parts)
-            }
-            None => {
-                self.reserve(context, frame, true)?;
-                self.write_more()?;
-                Written::Rows(self.write_rows(&mut lit)?)
-            }
+        self.written = Some(if in_words {
+            self.write_words(context)?;
+            lit.sort_unstable();
+            Written::Words
+        } else {
+            lit.clear();
+            self.words_to_columns()?;
+            self.reserve(context, frame)?;
+            self.write_more()?;
+            Written::Rows(self.write_rows(&mut lit)?)
         });
         self.lit = lit;
         Ok(())
     }
 
-    /// Makes the words of all points, if all came packed and the device can take so many.
-    fn append_words(&mut self, context: &Context) -> Option<Vec<unpack_points::Part>> {
-        let is_card = context.info().device_type != vk::PhysicalDeviceType::CPU;
-        let columns = |part: &Part| matches!(part.form, Form::Columns(_));
-        if !self.on_device.unwrap_or(is_card)
-            || !self.parts.iter().all(columns)
-            || self.shape.size.iter().any(|&n| n > words::MOST)
-        {
-            return None;
-        }
-        self.words.clear();
-        let mut parts = Vec::new();
-        for part in &self.parts {
-            if let Form::Columns(columns) = &part.form {
-                parts.push(words::append(&mut self.words, columns, &self.shape, &part.task, &part.listed));
+    /// Unpacks points in words once more, for rows.
+    fn words_to_columns(&mut self) -> Result<()> {
+        for part in &mut self.parts {
+            if let Form::Words(sent) = &part.form
+                && let Packed::Columns(_, columns) = Columns::unpack(part.task, &self.shape, &sent.bytes)?
+            {
+                let more = columns.more.all(&self.shape, part.pixels);
+                part.form = Form::Columns(columns, more);
             }
         }
-        (size_of_val(&self.words[..]) as u64 <= context.info().max_storage_buffer_range).then_some(parts)
+        Ok(())
     }
 
     /// Writes the words into staging memory, which grows where they need more.
@@ -201,10 +242,10 @@ impl PassPoints {
         self.packed.as_ref().map_or(Ok(()), |[upload, _]| upload.write(0, bytes))
     }
 
-    /// Makes the staging buffers of further arrays, and with `points` those of points.
-    fn reserve(&mut self, context: &Context, frame: &Frame, points: bool) -> Result<()> {
+    /// Makes the staging buffers of rows.
+    fn reserve(&mut self, context: &Context, frame: &Frame) -> Result<()> {
         let all = all_buffers(frame);
-        for (own, device) in self.buffers.iter_mut().zip(all).skip(if points { 0 } else { 2 }) {
+        for (own, device) in self.buffers.iter_mut().zip(all) {
             if own.len() != device.len() {
                 let buffer = |of: &&Buffer| {
                     Buffer::new(context, &format!("{} (staging)", of.name()), of.bytes(), Memory::Upload)
@@ -222,24 +263,22 @@ impl PassPoints {
         let mut staging = Staging::new();
         let mut packed = None;
         match (&self.written, &self.packed) {
-            (Some(Written::Words(parts)), Some([upload, device])) => {
+            (Some(Written::Words), Some([upload, device])) => {
                 if self.shape.components > 1 {
                     // Second components in tiles that other tasks list.
                     frame.point_buffers()[0].iter().for_each(|buffer| staging.clear(buffer));
                 }
+                let further = frame.more_buffers();
+                // Pixels without caustics are not among the words.
+                further[CAUSTICS].iter().flatten().for_each(|(buffer, _)| staging.clear(buffer));
                 staging.copy(upload, (device, 0), 0..size_of_val(&self.words[..]) as u64)?;
-                let unpack = UnpackPoints::new(context, &frame.unpacked(device))?;
-                packed = Some((unpack, parts.iter().zip(&self.parts).collect()));
+                let points = UnpackPoints::new(context, &frame.unpacked(device))?;
+                let more = further.map(|array| array.map(|to| UnpackMore::new(context, device, to)).transpose());
+                let more = more.into_iter().collect::<Result<Vec<_>>>()?;
+                packed = Some(Unpack { points, more, parts: &self.parts, width: self.shape.size[0] });
             }
             (Some(Written::Rows(rows)), _) => self.stage_rows(frame, &mut staging, rows)?,
             _ => {}
-        }
-        let pixels = self.shape.pixels() as u64;
-        let words = self.shape.more.into_iter().filter(|&words| words > 0);
-        for ((from, (to, at)), words) in
-            self.buffers[2].iter().zip(frame.more_buffers().into_iter().flatten()).zip(words)
-        {
-            staging.copy(from, (to, at), 0..4 * words as u64 * pixels)?;
         }
         if self.shape.spreads_near_light() {
             staging.stage_into(context, &frame.eye.list.entries, 0, &self.lit)?;
@@ -268,19 +307,22 @@ impl PassPoints {
                 staging.copy(from, (to, 0), first + row * u64::from(rows.start)..first + row * u64::from(rows.end))?;
             }
         }
+        let pixels = self.shape.pixels() as u64;
+        let words = self.shape.more.into_iter().filter(|&words| words > 0);
+        for ((from, (to, at)), words) in
+            self.buffers[2].iter().zip(frame.more_buffers().into_iter().flatten()).zip(words)
+        {
+            staging.copy(from, (to, at), 0..4 * words as u64 * pixels)?;
+        }
         let mut hits = self.buffers[1].iter().zip(&device[1]);
         hits.try_for_each(|(from, to)| staging.copy(from, (to, 0), 0..from.bytes()))
     }
 
-    /// Lists the slots that light reaches.
-    fn list_lit(&self, lit: &mut Vec<u32>) {
-        for part in &self.parts {
-            let Form::Columns(columns) = &part.form else { continue };
-            let slots = self.shape.slots(&part.task, &part.listed).into_iter().zip(&columns.flags);
-            let is_lit = |(_, flags): &(usize, &u8)| u32::from(**flags) & ShadingPoints::LIT != 0;
-            lit.extend(slots.filter(is_lit).map(|(slot, _)| slot as u32));
-        }
-        lit.sort_unstable();
+    /// Lists the slots of a task that light reaches.
+    fn list_lit(&mut self, columns: &Columns, task: &Task, listed: &Listed) {
+        let slots = self.shape.slots(task, listed).into_iter().zip(&columns.flags);
+        let is_lit = |(_, flags): &(usize, &u8)| u32::from(**flags) & ShadingPoints::LIT != 0;
+        self.lit.extend(slots.filter(is_lit).map(|(slot, _)| slot as u32));
     }
 
     /// Writes the words of further arrays into the buffers, row by row.
@@ -294,7 +336,7 @@ impl PassPoints {
                 let mut begin = 0;
                 for (row, &words) in rows.iter_mut().zip(&arrays) {
                     for (x, i) in self.shape.row(&part.task, y).zip(*done..) {
-                        let from = &part.more[begin + words * i..][..words];
+                        let from = &part.more()[begin + words * i..][..words];
                         row[words * x as usize..][..words].copy_from_slice(from);
                     }
                     begin += words * part.pixels;
@@ -366,8 +408,16 @@ impl PassPoints {
 /// The points of a pass, staged for the buffers of a frame.
 pub(crate) struct Taken<'a> {
     staging: Staging,
-    /// The kernels that unpack points, and each part with its place among the words.
-    packed: Option<(UnpackPoints, Vec<(&'a unpack_points::Part, &'a Part)>)>,
+    packed: Option<Unpack<'a>>,
+}
+
+/// Parts in words, and the kernels that unpack them.
+struct Unpack<'a> {
+    points: UnpackPoints,
+    /// By array.
+    more: Vec<Option<UnpackMore>>,
+    parts: &'a [Part],
+    width: u32,
 }
 
 impl Taken<'_> {
@@ -380,10 +430,12 @@ impl Taken<'_> {
     /// Records the copies, then the kernels that unpack points.
     pub(crate) fn record(&self, rec: &mut Recorder) -> Result<()> {
         self.staging.record(rec)?;
-        if let Some((unpack, parts)) = &self.packed {
-            for (place, part) in parts {
-                if let Form::Columns(columns) = &part.form {
-                    unpack.record(rec, place, &columns.parameters)?;
+        if let Some(Unpack { points, more, parts, width }) = &self.packed {
+            for part in *parts {
+                let Form::Words(sent) = &part.form else { continue };
+                points.record(rec, &sent.place, &sent.parameters)?;
+                for words in &sent.more {
+                    more[words.array].as_ref().map_or(Ok(()), |more| more.record(rec, words, *width))?;
                 }
             }
         }
@@ -423,8 +475,8 @@ struct Walker<'a> {
 impl Walker<'_> {
     fn new(part: &Part) -> Walker<'_> {
         let second = match &part.form {
-            Form::Columns(columns) => columns.second,
-            Form::Exact(_) => Cursor::at(part.pixels),
+            Form::Columns(columns, _) => columns.second,
+            Form::Exact(_) | Form::Words(_) => Cursor::at(part.pixels),
         };
         Walker { part, first: Cursor::default(), second }
     }
@@ -451,7 +503,9 @@ impl Walker<'_> {
                     }
                 }
             }
-            Form::Columns(columns) => {
+            // The device unpacks them, or `words_to_columns` left none.
+            Form::Words(_) => {}
+            Form::Columns(columns, _) => {
                 let ray = camera_rays::row(&columns.parameters, y);
                 let write = |rows: &mut [Vec<[u32; 4]>], x: u32, cursor: &mut Cursor| {
                     let set = |array: usize, value: Vec4| rows[array][x as usize] = bytemuck::cast(value.to_array());
@@ -459,7 +513,7 @@ impl Walker<'_> {
                 };
                 for x in shape.row(task, y) {
                     for (array, row) in rows.hits.iter_mut().enumerate() {
-                        row[x as usize] = columns.hits[array * self.part.pixels + self.first.next];
+                        row[x as usize] = columns.hits[array].at(self.first.next);
                     }
                     rows.plain &= columns.is_plain(&self.first);
                     write(&mut rows.values[..ARRAYS], x, &mut self.first);

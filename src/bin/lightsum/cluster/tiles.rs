@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use cpu_time::ProcessTime;
 use lightsum::cluster::Message;
-use lightsum::cluster::points::{PassPoints, Shape};
+use lightsum::cluster::points::PassPoints;
 use lightsum::settings::{Exposure, Traversal};
 use lightsum::view::Task;
 use lightsum::{Error, Result, input, output};
@@ -45,7 +45,6 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
     let engine = player.renderer.engine();
     engine.view().check_tasks(&engine.plan().settings)?;
     let tasks = Task::cut(&engine.plan().settings, engine.view().size(), (TASKS * master.clients().len()) as u32);
-    let shape = Shape::of(engine);
 
     let (mut progress, processor) = (Progress::new(), ProcessTime::now());
     let mut order = Order::new(&mut player.script, part.clone());
@@ -59,7 +58,7 @@ pub fn run(master: &mut Master, args: &Animate) -> Result<()> {
         }
     };
     for _ in 0..AHEAD {
-        begin(&mut given, &mut steps, &mut player.script, PassPoints::new(shape));
+        begin(&mut given, &mut steps, &mut player.script, PassPoints::of(engine));
     }
     let mut free: BTreeSet<usize> = master.clients().collect();
     let mut frames: Vec<Value> = Vec::new();

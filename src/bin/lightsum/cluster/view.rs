@@ -94,10 +94,9 @@ impl Others for Ranks<'_, '_> {
             }
             self.edits = edits.clone();
         }
-        let Some(shape) = self.shape else { return };
         for pass in pass..=pass + u32::from(ahead) {
             if !self.wanted.contains(&(number, pass)) {
-                let mut points = self.spare.pop().unwrap_or_else(|| PassPoints::new(shape));
+                let mut points = self.spare.pop().unwrap_or_else(|| PassPoints::of(engine));
                 points.clear();
                 self.given.begin(self.begun, pass, points);
                 self.begun += 1;
