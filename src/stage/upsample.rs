@@ -128,8 +128,9 @@ impl Stage for Upsample {
     const NAME: &'static str = "upsample";
 
     fn record(&self, rec: &mut Recorder) -> Result<()> {
-        self.eye.record(rec)?;
-        self.first_hits.record(rec)?;
-        self.through.as_ref().map_or(Ok(()), |through| through.record(rec))
+        rec.scope("upsample_eye", |rec| self.eye.record(rec))?;
+        rec.scope("upsample_first", |rec| self.first_hits.record(rec))?;
+        let through = self.through.as_ref();
+        through.map_or(Ok(()), |through| rec.scope("upsample_paths", |rec| through.record(rec)))
     }
 }

@@ -100,7 +100,7 @@ fn print(name: &str, renderer: &Renderer, passes: &Passes) -> Result<()> {
         table.row(&cells)?;
     }
     report::say(&format!(
-        "{:.2} M rays/s; sort and clusters are parts of eye and gather, near_* of near_light",
+        "{:.2} M rays/s; sort and clusters are parts of eye and gather, near_* of near_light, upsample_* of upsample",
         passes.rays_per_second() * 1e-6
     ))
 }
