@@ -131,7 +131,7 @@ macro_rules! each_check {
                 lamps_follow_their_oracle("lamp_edges_mark lamp_edges_rays lamp_edges_turn lamp_edges_add", Nothing, "indirect dispatch", "5e-3; 1 of 1000 rays may differ");
             }
             packed {
-                packed_points_follow_their_oracle("unpack_points", Nothing, "push constants of 128 bytes", "2e-6; 1 of 1000 points may differ");
+                packed_points_follow_their_oracle("unpack_points unpack_more", Nothing, "push constants of 128 bytes", "2e-6; 1 of 1000 points may differ");
             }
             convolve {
                 convolve_follows_its_oracle("convolve convolve_mark convolve_list convolve_norms convolve_moments", Nothing, "indirect dispatch", "2e-4");

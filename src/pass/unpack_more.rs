@@ -1,4 +1,4 @@
-//! Unpacks words of pixels in further arrays ([`Frame::more_buffers`](crate::frame::Frame::more_buffers)) of tasks that came packed: caustics, near light that spreads, what spreads mirror
+//! Unpacks words of pixels in further arrays of tasks that came packed: caustics, near light that spreads, what spreads mirror
 //! images. Nothing is rounded. Oracle: [`TaskPoints::unpack`](crate::cluster::points::TaskPoints::unpack).
 //!
 //! Cost: 4 bytes read and 4 written a word, and 4 read where not all pixels have words.

@@ -115,7 +115,7 @@ fn fill_further(rig: &Rig, number: u32) {
         let (Some((buffer, at)), words) = (buffer, MORE_WORDS[array as usize]) else { continue };
         let [width, height, ..] = rig.parameters.size;
         let word = |i: u32| {
-            let has = key(number, array, i / words as u32, 0) % 3 == 0;
+            let has = key(number, array, i / words as u32, 0).is_multiple_of(3);
             if has { key(number, array, i, 1) } else { 0 }
         };
         let all: Vec<u32> = (0..width * height * words as u32).map(word).collect();
