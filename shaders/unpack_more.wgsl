@@ -12,7 +12,6 @@ struct UnpackMorePush {
     grid: u32,      // first word of the task's grid
     width: u32,     // of the image
     begin: u32,     // first word of the array in its buffer
-    pad: u32,
 }
 var<immediate> push: UnpackMorePush;
 

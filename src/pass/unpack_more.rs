@@ -46,8 +46,7 @@ impl UnpackMore {
         if count == 0 {
             return Ok(());
         }
-        let push =
-            UnpackMorePush { first, count, words, is_listed: is_listed.into(), grid, width, begin: self.begin, pad: 0 };
+        let push = UnpackMorePush { first, count, words, is_listed: is_listed.into(), grid, width, begin: self.begin };
         self.kernel.run(rec, bytemuck::bytes_of(&push), groups(count * words))
     }
 }

@@ -135,10 +135,10 @@ impl PassPoints {
         let listed = Listed::new(&self.shape, &points.tiles);
         let [pixels, second] = self.shape.counts(&points.task, &listed);
         let [by_slot, by_pixel] = self.shape.arrays;
-        if points.values.len() != (pixels + second) * by_slot || points.hits.len() != pixels * by_pixel {
-            return Err(strange());
-        }
-        if points.more.len() != pixels * self.shape.words() {
+        if points.values.len() != (pixels + second) * by_slot
+            || points.hits.len() != pixels * by_pixel
+            || points.more.len() != pixels * self.shape.words()
+        {
             return Err(strange());
         }
         let tiles = std::mem::take(&mut points.tiles);
